@@ -1,0 +1,1 @@
+"""From a session to a map: each reading, each grid, each border and line as an artifact."""

@@ -1,0 +1,164 @@
+"""Everything that the mapping stage shows: each intermediate result as one frozen value.
+
+The pipeline yields them in the order in which they come about; exports, the Rerun writer and the
+comparison each take what they need. Arrays are read-only. One artifact is one *step* in Rerun.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.beams import Beam
+from mapping.grid import GridGeometry, Layer, Window
+
+
+@dataclass(frozen=True, slots=True)
+class TempGrid:
+    """What one reading says of each cell, before it is merged into the map.
+
+    All arrays cover ``window``. ``probability`` (float64) is that of being occupied given this
+    reading: above 0.5 in the band, below in front of it, 0.5 where nothing is said. ``band`` are
+    the cells where the obstacle may be, ``front`` those that the beam passed through.
+    """
+
+    beam: Beam
+    geometry: GridGeometry
+    window: Window
+    probability: NDArray[np.float64]
+    band: NDArray[np.bool_]
+    front: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class MergedGrid:
+    """The map of one layer after a reading, in the rectangle that the reading could change.
+
+    ``values`` and ``probability`` (float32) are the new ones; ``previous`` the probability before.
+    """
+
+    beam: Beam
+    layer: str
+    rule: str
+    kind: str
+    geometry: GridGeometry
+    window: Window
+    values: NDArray[np.float32]
+    probability: NDArray[np.float32]
+    previous: NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Snapshot:
+    """A whole layer: at the chosen interval, and at the end (``final``)."""
+
+    layer: Layer
+    rule: str
+    final: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholded:
+    """Which cells of a layer are taken as occupied: probability strictly above the threshold."""
+
+    layer: str
+    geometry: GridGeometry
+    threshold: float
+    occupied: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Classes:
+    """Where the sensors agree, where one alone speaks, where they contradict each other.
+
+    ``codes`` (rows, cols) uint8 index ``names``.
+    """
+
+    geometry: GridGeometry
+    codes: NDArray[np.uint8]
+    names: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Border:
+    """One closed border: ``cells`` (N, 2) as row, col in trace order, the first not repeated."""
+
+    layer: str
+    number: int
+    outer: bool
+    geometry: GridGeometry
+    cells: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class RawPoints:
+    """The obstacle points of one sensor, (N, 2), metres, map frame, with the time of each."""
+
+    layer: str
+    points_m: NDArray[np.float64]
+    t_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """A straight piece of wall: the line x cos(alpha) + y sin(alpha) = rho between two ends.
+
+    ``covariance`` (2, 2) is that of (rho_m, alpha_rad); ``rms_m`` the distance of its ``points``
+    points from it. ``border`` is the number of the border that it was fitted to, or None for raw
+    points. ``source`` says which: ``raw`` or ``grid``.
+    """
+
+    layer: str
+    source: str
+    border: int | None
+    start_m: tuple[float, float]
+    end_m: tuple[float, float]
+    rho_m: float
+    alpha_rad: float
+    covariance: NDArray[np.float64]
+    rms_m: float
+    points: int
+
+    @property
+    def length_m(self) -> float:
+        """Distance between the ends, metres."""
+        (x0, y0), (x1, y1) = self.start_m, self.end_m
+        return float(np.hypot(x1 - x0, y1 - y0))
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The first artifact of a run: the grid, the layers and the walls, where they are known."""
+
+    geometry: GridGeometry
+    layers: tuple[str, ...]
+    walls_m: NDArray[np.float64]  # (K, 2, 2): K walls, two ends, x and y; K = 0 when unknown
+    first_t_ns: int
+    last_t_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Finished:
+    """The last artifact of a run: how many readings went in, and why the others did not."""
+
+    readings: int
+    used: Mapping[str, int]  # by sensor
+    dropped: Mapping[str, int]  # by reason
+
+
+Artifact = (
+    Started
+    | Beam
+    | TempGrid
+    | MergedGrid
+    | Snapshot
+    | Thresholded
+    | Classes
+    | Border
+    | RawPoints
+    | Segment
+    | Finished
+)

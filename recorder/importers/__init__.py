@@ -1,0 +1,1 @@
+"""Other people's logs → messages: one file a format."""

@@ -1,0 +1,1 @@
+"""Bytes on a serial line ↔ reports of a robot: one file a protocol, pure, knowing no port."""

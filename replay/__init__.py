@@ -1,0 +1,1 @@
+"""From artifacts to people and tests: Rerun recordings, exports, pictures, comparisons."""
