@@ -23,6 +23,10 @@ class TempGrid:
     All arrays cover ``window``. ``probability`` (float64) is that of being occupied given this
     reading: above 0.5 in the band, below in front of it, 0.5 where nothing is said. ``band`` are
     the cells where the obstacle may be, ``front`` those that the beam passed through.
+
+    ``passes`` is empty, but for a reading whose samples go straight into the map (``arcs`` without
+    a second grid): then its temp grids, merged one after the other, hold every sample once, and
+    the arrays here hold the last sample of each cell.
     """
 
     beam: Beam
@@ -31,6 +35,7 @@ class TempGrid:
     probability: NDArray[np.float64]
     band: NDArray[np.bool_]
     front: NDArray[np.bool_]
+    passes: tuple[TempGrid, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,7 +110,9 @@ class SensorSection(Section):
 class FusionSection(Section):
     """How the maps of several sensors become one."""
 
-    rule: Literal["bayes", "weights"] = Field("bayes", description="log-odds added, or weighted sum")
+    rule: Literal["bayes", "weights"] = Field(
+        "bayes", description="log-odds added, or weighted sum"
+    )
     weights: Literal["angular", "range", "equal"] | dict[str, NonNegative] = Field(
         "angular", description="by angular resolution, by range error, equal, or given by layer"
     )
@@ -132,19 +134,42 @@ class SegmentsSection(Section):
         "borders", description="follow the border of a wall, or the centre line of its band"
     )
     method: str = Field("split-and-merge", description="how points become lines")
-    epsilon_m: Positive = Field(0.04, description="farthest point from a chord before it is split")
-    fit: Literal["total", "y-on-x"] = Field("total", description="total least squares, or y = mx + b")
+    epsilon_m: Positive = Field(0.06, description="farthest point from a chord before it is split")
+    fit: Literal["total", "y-on-x"] = Field(
+        "total", description="total least squares, or y = mx + b"
+    )
     wrap: Literal["on", "off", "drop"] = Field(
         "on", description="first and last line are neighbours; not; or both are dropped"
     )
     merge: Literal["joint-fit", "angle", "collinear", "endpoints", "none"] = Field(
         "joint-fit", description="test by which neighbouring lines become one"
     )
-    order: Literal["time", "bearing", "path"] = Field("time", description="order of raw points")
+    rms_m: Positive | None = Field(
+        None, description="largest rms of a line that grows or is merged; default 0.4 epsilon_m"
+    )
+    merge_angle_deg: Positive = Field(10.0, description="merge by angle: neighbours that bend less")
+    corner_angle_deg: Annotated[float, Field(gt=0, le=90)] = Field(
+        10.0, description="neighbours that bend less do not meet in a corner"
+    )
+    corner_reach_m: NonNegative = Field(
+        0.25, description="a corner further from the points than this is none"
+    )
+    wall_m: NonNegative = Field(
+        0.12,
+        description="grids: the two faces of a wall this thin, or of a cell or two, are a line",
+    )
+    order: Literal["time", "bearing", "path"] = Field(
+        "time", description="of raw points: as measured, around the robot, or nearest to nearest"
+    )
     gap_m: Positive = Field(0.3, description="raw points further apart are not joined")
     min_points: int = Field(5, ge=2, description="fewer points make no line")
-    min_length_m: NonNegative = Field(0.1, description="shorter lines are left out")
+    min_length_m: NonNegative = Field(0.15, description="shorter lines are left out")
     seed: int = Field(0, description="of the methods that draw at random")
+
+    @property
+    def largest_rms_m(self) -> float:
+        """The bound on a line's rms in force, metres."""
+        return 0.4 * self.epsilon_m if self.rms_m is None else self.rms_m
 
 
 class RerunSection(Section):

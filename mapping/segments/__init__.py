@@ -1,0 +1,33 @@
+"""From points to lines: raw points of a ranger or a scan, or the borders of a grid.
+
+Points become chains (:mod:`.chains`), a method of the table (:mod:`.methods`) finds lines in them
+and :mod:`.least_squares` says how sure each is. What happens on the way is told stage by stage
+(:mod:`.stages`).
+"""
+
+from __future__ import annotations
+
+from mapping.segments.grid_lines import segments_from_borders
+from mapping.segments.methods import LINE_METHODS, LineMethod
+from mapping.segments.raw import segments_from_points, segments_from_scan, stages_of_points
+from mapping.segments.ridge import segments_from_grid, segments_from_ridge
+from mapping.segments.seen import reachable_cells
+from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage
+
+__all__ = [
+    "LINE_METHODS",
+    "Corner",
+    "Fit",
+    "LineMethod",
+    "Merge",
+    "Observer",
+    "Split",
+    "Stage",
+    "reachable_cells",
+    "segments_from_borders",
+    "segments_from_grid",
+    "segments_from_points",
+    "segments_from_ridge",
+    "segments_from_scan",
+    "stages_of_points",
+]

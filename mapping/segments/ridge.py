@@ -1,0 +1,141 @@
+"""Lines along the centre of what is occupied: a band of any thickness gives one line.
+
+The figure is thinned to one cell, and the borders of that are followed as any others: both sides of
+a line one cell thick run through the same cells and become one line. Where a band ends or bends,
+thinning grows whiskers towards its corners; a line no longer than its band is thick is one of them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.artifacts import Border, Segment, Thresholded
+from mapping.borders import trace_borders
+from mapping.config import SegmentsSection
+from mapping.grid import GridGeometry
+from mapping.segments.chains import joined
+from mapping.segments.grid_lines import (
+    as_segments,
+    for_pieces,
+    scaled_to_cells,
+    segments_from_borders,
+)
+from mapping.segments.joining import merge_collinear
+from mapping.segments.least_squares import FittedLine, FloatArray
+from mapping.segments.methods import line_method
+from mapping.segments.runs import meet_at_corners
+from mapping.segments.stages import Observer
+
+Cells = NDArray[np.bool_]
+# The centre of a band that borders on what the robot saw lies half of its thickness away from it;
+# so much more, and two cells, is forgiven where the band is uneven.
+_UNEVEN = 1.25
+_UNEVEN_CELLS = 2.0
+_SEEN_SHARE = 0.5
+
+
+def segments_from_ridge(
+    thresholded: Thresholded,
+    config: SegmentsSection,
+    *,
+    observed: Cells | None = None,
+    reachable: Cells | None = None,
+    observe: Observer | None = None,
+) -> list[Segment]:
+    """Lines along the centre lines of a layer's occupied bands, in the map frame.
+
+    ``observed`` (rows, cols): only what is occupied inside of it counts. ``reachable`` (rows,
+    cols), of :func:`mapping.segments.seen.reachable_cells`: only bands beside such free cells.
+    """
+    geometry = thresholded.geometry
+    occupied = thresholded.occupied.copy()
+    if observed is not None:
+        occupied &= observed
+    depth = _depth_cells(occupied)
+    ridge = thinned(occupied)
+    scaled = scaled_to_cells(config, geometry.resolution_m)
+    method = line_method(config.method)
+    lines: list[FittedLine] = []
+    for border in trace_borders(ridge):
+        if len(border.cells) > 1:
+            points = geometry.centres_of(border.cells)
+            chains = joined([(points, config.wrap != "off")])
+            lines += method.lines(chains, for_pieces(scaled, geometry.resolution_m), observe)
+    if config.merge != "none":
+        # Up one side of the line and down the other: the same cells twice.
+        lines = merge_collinear(lines, scaled, observe)
+    lines = _without_whiskers(lines, geometry, depth)
+    if reachable is not None:
+        lines = _beside(reachable, lines, geometry, depth)
+    lines = meet_at_corners(lines, scaled, observe)
+    return as_segments(lines, thresholded.layer, scaled, [])
+
+
+def segments_from_grid(
+    thresholded: Thresholded,
+    borders: list[Border],
+    config: SegmentsSection,
+    *,
+    observed: Cells | None = None,
+    reachable: Cells | None = None,
+    observe: Observer | None = None,
+) -> list[Segment]:
+    """Lines of one layer by the source that the configuration names: its borders or its ridges."""
+    if config.source == "ridge":
+        return segments_from_ridge(
+            thresholded, config, observed=observed, reachable=reachable, observe=observe
+        )
+    return segments_from_borders(
+        borders, config, observed=observed, reachable=reachable, observe=observe
+    )
+
+
+def thinned(occupied: Cells) -> Cells:
+    """The figure (rows, cols) thinned to lines one cell thick."""
+    from mapping.line_kernels.thinning import thin
+
+    padded = np.pad(occupied, 1)
+    thin(padded)
+    inner: Cells = padded[1:-1, 1:-1].copy()
+    return inner
+
+
+def _depth_cells(occupied: Cells) -> FloatArray:
+    """How far each cell (rows, cols) lies from the nearest free one; beyond the grid is free."""
+    from scipy.ndimage import distance_transform_edt
+
+    depth: FloatArray = distance_transform_edt(np.pad(occupied, 1))[1:-1, 1:-1]
+    return depth
+
+
+def _without_whiskers(
+    lines: list[FittedLine], geometry: GridGeometry, depth: FloatArray
+) -> list[FittedLine]:
+    """Leave out lines no longer than the thickness of the band that they run in."""
+    kept = []
+    for line in lines:
+        cells = geometry.cells_of(line.points_m)
+        cells = cells[geometry.contains(cells)]
+        thickness = 2.0 * float(depth[cells[:, 0], cells[:, 1]].mean()) if len(cells) else 0.0
+        if line.length_m > thickness * geometry.resolution_m:
+            kept.append(line)
+    return kept
+
+
+def _beside(
+    reachable: Cells, lines: list[FittedLine], geometry: GridGeometry, depth: FloatArray
+) -> list[FittedLine]:
+    """Lines most of whose band borders on what the robot saw."""
+    from scipy.ndimage import distance_transform_edt
+
+    if not reachable.any():
+        return []
+    near = distance_transform_edt(~reachable) <= _UNEVEN * depth + _UNEVEN_CELLS
+    kept = []
+    for line in lines:
+        cells = geometry.cells_of(line.points_m)
+        cells = cells[geometry.contains(cells)]
+        if len(cells) and near[cells[:, 0], cells[:, 1]].mean() >= _SEEN_SHARE:
+            kept.append(line)
+    return kept

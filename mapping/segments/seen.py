@@ -1,0 +1,69 @@
+"""Where the robot could have seen: what lies beyond is an echo that went astray, not a wall.
+
+A sonar's echo that came back by way of a second wall is longer than the way to the first. It puts a
+band behind the wall, and free space in front of that band. Such ghosts have no way to the robot but
+through walls, or through gaps in them that no robot fits through.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.grid import GridGeometry, Layer
+from mapping.segments.least_squares import FloatArray
+
+Cells = NDArray[np.bool_]
+PASSAGE_M = 0.12
+FREE_BELOW = 0.3  # faint traces of freedom behind walls lie between this and 0.5
+
+
+def reachable_cells(
+    layer: Layer,
+    positions_m: FloatArray,
+    *,
+    free_below: float = FREE_BELOW,
+    passage_m: float = PASSAGE_M,
+) -> Cells:
+    """Free cells (rows, cols) that hang together with where the robot was.
+
+    ``positions_m`` (N, 2) are places of the robot, map frame. Free are the cells that were observed
+    and whose probability is below ``free_below``. A way leads through them only where a disc of
+    diameter ``passage_m`` fits.
+    """
+    from scipy.ndimage import distance_transform_edt, label
+
+    geometry = layer.geometry
+    radius = 0.5 * passage_m / geometry.resolution_m
+    free = layer.observed & (layer.probability < np.float32(free_below))
+    places = _cells_at(geometry, positions_m)
+    if places.any():
+        free |= distance_transform_edt(~places) <= radius  # the robot's own body went there
+    # What lies beyond the grid is as good as free to a disc at its edge.
+    inner = distance_transform_edt(np.pad(free, 1, mode="edge"))[1:-1, 1:-1] >= radius
+    labels, _ = label(inner | places, np.ones((3, 3), int))
+    mine = np.unique(labels[places])
+    core = np.isin(labels, mine[mine > 0])
+    if not core.any():
+        return np.zeros(geometry.shape, np.bool_)
+    reachable: Cells = free & (distance_transform_edt(~core) <= radius)
+    return reachable
+
+
+def _cells_at(geometry: GridGeometry, positions_m: FloatArray) -> Cells:
+    finite = positions_m[np.isfinite(positions_m).all(axis=1)]
+    cells = geometry.cells_of(finite)
+    cells = cells[geometry.contains(cells)]
+    at = np.zeros(geometry.shape, np.bool_)
+    at[cells[:, 0], cells[:, 1]] = True
+    return at
+
+
+def grown(cells: Cells, by_m: float, resolution_m: float) -> Cells:
+    """The cells and all whose centres lie within ``by_m`` of one of theirs."""
+    from scipy.ndimage import distance_transform_edt
+
+    if not cells.any():
+        return cells.copy()
+    near: Cells = distance_transform_edt(~cells) <= by_m / resolution_m + 1e-9
+    return near

@@ -1,0 +1,49 @@
+"""One beam → its temp grid: what this reading alone says of each cell.
+
+Two tables name what there is: ``SENSOR_MODELS`` (what is said) and ``RASTERISERS`` (of which cells
+it is said).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from mapping.artifacts import TempGrid
+from mapping.beams import Beam
+from mapping.config import Sensor
+from mapping.grid import GridGeometry
+from mapping.names import choose
+from mapping.sensor_model.arcs import rasterise_arcs
+from mapping.sensor_model.cells import rasterise_cells
+from mapping.sensor_model.models import (
+    SENSOR_MODELS,
+    SensorModel,
+    Sight,
+    emptiness,
+    region_of,
+    regions_table,
+)
+
+Rasteriser = Callable[[Beam, Sensor, SensorModel, GridGeometry], TempGrid]
+RASTERISERS: dict[str, Rasteriser] = {"cells": rasterise_cells, "arcs": rasterise_arcs}
+
+__all__ = [
+    "RASTERISERS",
+    "SENSOR_MODELS",
+    "SensorModel",
+    "Sight",
+    "emptiness",
+    "make_temp_grid",
+    "region_of",
+    "regions_table",
+]
+
+
+def make_temp_grid(beam: Beam, sensor: Sensor, geometry: GridGeometry) -> TempGrid:
+    """What one reading says of each cell of the rectangle that its beam covers.
+
+    Raises BadInput where the sensor names a model, a rasteriser or regions that do not exist.
+    """
+    model = choose(SENSOR_MODELS, sensor.model, "sensor model")
+    rasterise = choose(RASTERISERS, sensor.rasteriser, "rasteriser")
+    return rasterise(beam, sensor, model, geometry)

@@ -1,0 +1,193 @@
+"""The default rasteriser: every cell that the beam covers, once, at its centre."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.artifacts import TempGrid
+from mapping.beams import Beam
+from mapping.config import Sensor
+from mapping.grid import GridGeometry, Window, read_only
+from mapping.sensor_model.models import SensorModel, Sight
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Integers = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Spans:
+    """Of each axis, (N,) metres: its range, and where its band begins and ends.
+
+    An axis that saw nothing has its front up to the sensor's reach and no band (an end of -1); one
+    that says nothing at all begins at -1, too.
+    """
+
+    range_m: Floats
+    start_m: Floats
+    end_m: Floats
+
+    def of(self, axes: Integers | slice) -> Spans:
+        """The same for some of the axes."""
+        return Spans(self.range_m[axes], self.start_m[axes], self.end_m[axes])
+
+
+def spans_of(beam: Beam, sensor: Sensor, model: SensorModel) -> Spans:
+    """Where front and band of each axis lie."""
+    before, behind = model.band(sensor)
+    ranges = np.asarray(beam.ranges_m, np.float64)
+    seen = np.isfinite(ranges) & (ranges >= 0.0)
+    silent = ~seen & ~(np.isposinf(ranges) & (sensor.no_echo == "empties"))
+    range_m = np.where(seen, ranges, beam.reach_m)
+    start = np.where(seen, range_m * (1.0 - before), range_m)
+    end = np.where(seen, range_m * (1.0 + behind), -1.0)
+    start[silent] = -1.0
+    return Spans(range_m, start, end)
+
+
+@dataclass(slots=True)
+class Covered:
+    """The cells found in a window: flat index and place as seen along the beam, all (M,)."""
+
+    index: Integers
+    rho_m: Floats
+    along_m: Floats
+    across_m: Floats
+    owner: Integers
+
+
+def rasterise_cells(
+    beam: Beam, sensor: Sensor, model: SensorModel, geometry: GridGeometry
+) -> TempGrid:
+    """The temp grid of a reading, from the centres of the cells.
+
+    An axis none of whose cells lies in its band (a narrow beam, a small error, coarse cells) takes
+    the cell that holds its obstacle point as the band, seen as if its centre were that point.
+    """
+    spans = spans_of(beam, sensor, model)
+    window = window_of(beam, max(0.0, model.band(sensor)[1]), geometry)
+    front = np.zeros((window.rows, window.cols), np.bool_)
+    band = np.zeros_like(front)
+    if beam.ranges_m.size == 1:
+        covered, with_band = _one_axis(beam, spans, geometry, window, front, band)
+    else:
+        covered, with_band = _many_axes(beam, spans, geometry, window, front, band)
+    if not with_band.all():
+        covered = _with_point_bands(beam, spans, geometry, window, covered, with_band, front, band)
+    sight = _sight(beam, spans, covered, band)
+    probability = np.full(front.shape, 0.5)
+    probability.ravel()[covered.index] = model.occupied(sensor, sight)
+    for array in (probability, band, front):
+        read_only(array)
+    return TempGrid(beam, geometry, window, probability, band, front)
+
+
+def window_of(beam: Beam, behind: float, geometry: GridGeometry) -> Window:
+    """The rectangle of cells that holds a beam whose band ends ``behind`` its range."""
+    return geometry.window_around(*beam.bounds_m(1.0 + behind))
+
+
+def _centres(geometry: GridGeometry, window: Window, beam: Beam) -> tuple[Floats, Floats]:
+    """Centres of the window's columns (x) and rows (y) relative to the sensor, metres."""
+    (x0, y0), size = geometry.origin_m, geometry.resolution_m
+    origin = beam.world_from_sensor
+    column = np.arange(window.col0, window.col0 + window.cols, dtype=np.float64)
+    row = np.arange(window.row0, window.row0 + window.rows, dtype=np.float64)
+    return (column + 0.5) * size + x0 - origin.x_m, (row + 0.5) * size + y0 - origin.y_m
+
+
+def _one_axis(
+    beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, front: Flags, band: Flags
+) -> tuple[Covered, Flags]:
+    from mapping.kernels import footprints
+
+    heading, half = float(beam.headings_rad[0]), beam.beam_width_rad / 2.0
+    index = np.empty(front.size, np.int64)
+    rho, along, across = (np.empty(front.size) for _ in range(3))
+    found, in_band = footprints.wedge(
+        *_centres(geometry, window, beam), math.cos(heading), math.sin(heading), half,
+        float(spans.start_m[0]), float(spans.end_m[0]), front, band, index, rho, along, across,
+    )  # fmt: skip
+    owner = np.zeros(found, np.int64)
+    covered = Covered(index[:found], rho[:found], along[:found], across[:found], owner)
+    return covered, np.array([in_band > 0])
+
+
+def _many_axes(
+    beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, front: Flags, band: Flags
+) -> tuple[Covered, Flags]:
+    from mapping.kernels import footprints
+
+    headings = beam.headings_rad
+    index, owner = np.empty(front.size, np.int64), np.empty(front.size, np.int64)
+    rho, along, across = (np.empty(front.size) for _ in range(3))
+    in_band = np.zeros(headings.size, np.int64)
+    found = footprints.fan(
+        *_centres(geometry, window, beam), *_borders_between(headings), np.cos(headings),
+        np.sin(headings), beam.beam_width_rad / 2.0, spans.start_m, spans.end_m, front, band,
+        index, rho, along, across, owner, in_band,
+    )  # fmt: skip
+    covered = Covered(index[:found], rho[:found], along[:found], across[:found], owner[:found])
+    return covered, in_band > 0
+
+
+def _borders_between(headings_rad: Floats) -> tuple[Floats, Integers]:
+    """Directions half way between neighbouring axes, ascending, and the axis after each.
+
+    Of axes that look the same way the first is taken.
+    """
+    from mapping.kernels import footprints
+
+    directions, axes = np.unique(headings_rad % (2.0 * math.pi), return_index=True)
+    gaps = np.diff(directions, append=directions[0] + 2.0 * math.pi)
+    middles = directions + gaps / 2.0
+    turns = footprints.turns_of(np.cos(middles), np.sin(middles))
+    order = np.argsort(turns, kind="stable")
+    return turns[order], np.roll(axes, -1)[order]
+
+
+def _with_point_bands(
+    beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, covered: Covered,
+    with_band: Flags, front: Flags, band: Flags,
+) -> Covered:  # fmt: skip
+    """Add the obstacle's own cell of each axis without a band; the shortest range wins a cell."""
+    lacking = np.flatnonzero(~with_band & (spans.end_m >= 0.0))
+    lacking = lacking[np.argsort(-spans.range_m[lacking], kind="stable")]
+    d, heading = spans.range_m[lacking], beam.headings_rad[lacking]
+    origin = beam.world_from_sensor
+    points = np.column_stack([origin.x_m + d * np.cos(heading), origin.y_m + d * np.sin(heading)])
+    cells = geometry.cells_of(points) - (window.row0, window.col0)
+    inside = ((cells >= 0) & (cells < (window.rows, window.cols))).all(axis=1)
+    cells, lacking, d = cells[inside], lacking[inside], d[inside]
+    flat = cells[:, 0] * window.cols + cells[:, 1]
+    band.ravel()[flat], front.ravel()[flat] = True, False
+    # Of several axes that end in one cell the last, the shortest, stays.
+    _, last = np.unique(flat[::-1], return_index=True)
+    chosen = flat.size - 1 - last
+    flat, lacking, d = flat[chosen], lacking[chosen], d[chosen]
+    kept = ~np.isin(covered.index, flat)
+    return Covered(
+        np.concatenate([covered.index[kept], flat]),
+        np.concatenate([covered.rho_m[kept], d]),
+        np.concatenate([covered.along_m[kept], d]),
+        np.concatenate([covered.across_m[kept], np.zeros_like(d)]),
+        np.concatenate([covered.owner[kept], lacking]),
+    )
+
+
+def _sight(beam: Beam, spans: Spans, covered: Covered, band: Flags) -> Sight:
+    of_cells = spans.of(covered.owner)
+    return Sight(
+        rho_m=covered.rho_m,
+        along_m=covered.along_m,
+        across_m=covered.across_m,
+        range_m=of_cells.range_m,
+        band_start_m=of_cells.start_m,
+        band_end_m=of_cells.end_m,
+        in_band=band.ravel()[covered.index],
+        half_width_rad=beam.beam_width_rad / 2.0,
+    )

@@ -1,0 +1,27 @@
+"""The temp grids of many readings → the map of a layer.
+
+``UPDATE_RULES`` names what there is; ``start`` makes the empty map of a rule, a ``MapState`` that
+merges one temp grid after the other and hands out the layer.
+"""
+
+from mapping.update_rules.rules import (
+    CLAMP,
+    UPDATE_RULES,
+    UpdateRule,
+    combine_masses,
+    log_odds,
+    share_of_largest,
+)
+from mapping.update_rules.state import MapState, at_least_share, start
+
+__all__ = [
+    "CLAMP",
+    "UPDATE_RULES",
+    "MapState",
+    "UpdateRule",
+    "at_least_share",
+    "combine_masses",
+    "log_odds",
+    "share_of_largest",
+    "start",
+]

@@ -1,0 +1,227 @@
+"""How a temp grid changes the map: the update rules, behind one small interface.
+
+A rule names the arrays that it keeps for each cell, changes a rectangle of them for one reading,
+and says what they mean: a value in the rule's own unit, and a probability. A rule of your own is a
+class with these methods; see docs/plugins.md.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import expit
+
+from mapping.artifacts import TempGrid
+from mapping.update_rules.axis import axis_cells
+
+Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+Cells = dict[str, Floats]
+
+CLAMP = 13.8  # log-odds: a probability stays within 1e-6 of 0 and 1, and can always come back
+UNKNOWN_FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown, for the same reason
+HIMM_HIT, HIMM_MISS, HIMM_MOST = 3.0, 1.0, 15.0
+
+
+class UpdateRule:
+    """Base of all rules. ``kind`` is the unit of its values; ``start`` what a cell begins with."""
+
+    name: ClassVar[str] = ""
+    kind: ClassVar[str] = "probability"
+    start: ClassVar[dict[str, float]] = {}
+    """The arrays that the rule keeps, by name, and what each cell begins with."""
+    order_matters: ClassVar[bool] = False
+    """True where the same readings in another order may give another map."""
+    against_largest: ClassVar[bool] = False
+    """True where ``probability`` needs the largest value of the map (it is 0 otherwise)."""
+    per_sample: ClassVar[bool] = True
+    """False where a reading counts once, however often its samples hit a cell."""
+
+    def merge(self, cells: Cells, temp: TempGrid) -> None:
+        """Change ``cells``, the arrays over ``temp.window``, in place for one reading."""
+        raise NotImplementedError
+
+    def values(self, cells: Cells) -> Floats:
+        """What the arrays hold, in the rule's own unit."""
+        raise NotImplementedError
+
+    def probability(self, cells: Cells, largest: float) -> Floats:
+        """The same as a probability; ``largest`` is the largest value in the whole map."""
+        return self.values(cells)
+
+    def extra(self, cells: Cells) -> dict[str, Floats]:
+        """Further arrays to show, by name."""
+        return {}
+
+
+def share_of_largest(values: Floats, largest: float) -> Floats:
+    """Values over the largest, 0 .. 1; all 0 where nothing was counted yet."""
+    if largest <= 0.0:
+        return np.zeros_like(values)
+    shares: Floats = np.clip(values / largest, 0.0, 1.0)
+    return shares
+
+
+def log_odds(probability: Floats) -> Floats:
+    """ln(p / (1 - p)), clamped so that 0 and 1 stay finite."""
+    with np.errstate(divide="ignore"):
+        ratio = np.log(probability) - np.log1p(-probability)
+    clamped: Floats = np.clip(ratio, -CLAMP, CLAMP)
+    return clamped
+
+
+class Binary(UpdateRule):
+    """A cell in a band once is occupied for good."""
+
+    name, kind, start = "binary", "binary", {"occupied": 0.0}
+
+    def merge(self, cells: Cells, temp: TempGrid) -> None:
+        cells["occupied"][temp.band] = 1.0
+
+    def values(self, cells: Cells) -> Floats:
+        return cells["occupied"]
+
+
+class Count(UpdateRule):
+    """How many readings had the cell in their band."""
+
+    name, kind, start = "count", "count", {"count": 0.0}
+    against_largest = True
+
+    def merge(self, cells: Cells, temp: TempGrid) -> None:
+        cells["count"] += temp.band
+
+    def values(self, cells: Cells) -> Floats:
+        return cells["count"]
+
+    def probability(self, cells: Cells, largest: float) -> Floats:
+        return share_of_largest(self.values(cells), largest)
+
+
+class Sum(UpdateRule):
+    """The likelihoods added up: 2p - 1 of each reading, which the chapter's model makes a q."""
+
+    name, kind, start = "sum", "sum", {"sum": 0.0}
+    against_largest = True
+
+    def merge(self, cells: Cells, temp: TempGrid) -> None:
+        cells["sum"] += 2.0 * temp.probability - 1.0
+
+    def values(self, cells: Cells) -> Floats:
+        return cells["sum"]
+
+    def probability(self, cells: Cells, largest: float) -> Floats:
+        return share_of_largest(self.values(cells), largest)
+
+
+class Bayes(UpdateRule):
+    """t f / (t f + (1 - t)(1 - f)) from a prior of 0.5, kept as clamped log-odds."""
+
+    name, kind, start = "bayes", "probability", {"log_odds": 0.0}
+
+    def merge(self, cells: Cells, temp: TempGrid) -> None:
+        from mapping.kernels import merging
+
+        merging.add_log_odds(cells["log_odds"], temp.probability, CLAMP)
+
+    def values(self, cells: Cells) -> Floats:
+        probability: Floats = expit(cells["log_odds"])
+        return probability
+
+
+class Odds(Bayes):
+    """r / (1 - r) times the odds: Bayes in another unit, with less to calculate."""
+
+    name, kind = "odds", "odds"
+
+    def values(self, cells: Cells) -> Floats:
+        return np.exp(cells["log_odds"])
+
+    def probability(self, cells: Cells, largest: float) -> Floats:
+        probability: Floats = expit(cells["log_odds"])  # odds / (1 + odds)
+        return probability
+
+
+class DempsterShafer(UpdateRule):
+    """Masses for occupied, empty and unknown; ``conflict`` tells where readings contradicted.
+
+    A temp grid's p means the masses max(0, 2p - 1), max(0, 1 - 2p) and the rest. The conflict is
+    1 - product of (1 - K) over the readings: after one contradiction it is K itself, and in any
+    order of readings it comes out the same.
+    """
+
+    name, kind = "dempster-shafer", "mass"
+    start: ClassVar[dict[str, float]] = {
+        "occupied": 0.0, "empty": 0.0, "unknown": 1.0, "conflict": 0.0,
+    }  # fmt: skip
+
+    def merge(self, cells: Cells, temp: TempGrid) -> None:
+        touched = temp.probability != 0.5
+        said = 2.0 * temp.probability[touched] - 1.0
+        reading = floored(np.maximum(said, 0.0), np.maximum(-said, 0.0), 1.0 - np.abs(said))
+        o, e, u = (cells[name][touched] for name in ("occupied", "empty", "unknown"))
+        occupied, empty, unknown, conflict = combine_masses((o, e, u), reading)
+        o, e, u = floored(occupied, empty, unknown)
+        cells["occupied"][touched], cells["empty"][touched], cells["unknown"][touched] = o, e, u
+        cells["conflict"][touched] = 1.0 - (1.0 - cells["conflict"][touched]) * (1.0 - conflict)
+
+    def values(self, cells: Cells) -> Floats:
+        return cells["occupied"]
+
+    def probability(self, cells: Cells, largest: float) -> Floats:
+        return cells["occupied"] + cells["unknown"] / 2.0  # the pignistic probability
+
+    def extra(self, cells: Cells) -> dict[str, Floats]:
+        return dict(cells)
+
+
+Masses = tuple[Floats, Floats, Floats]
+
+
+def combine_masses(a: Masses, b: Masses) -> tuple[Floats, Floats, Floats, Floats]:
+    """Dempster's rule for (occupied, empty, unknown) → the same and the conflict K.
+
+    Where K = 1 the rule is undefined (two certain contradictions): the result there is NaN.
+    """
+    (o1, e1, u1), (o2, e2, u2) = a, b
+    conflict = o1 * e2 + e1 * o2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = 1.0 / (1.0 - conflict)
+        occupied = (o1 * o2 + o1 * u2 + u1 * o2) * scale
+        empty = (e1 * e2 + e1 * u2 + u1 * e2) * scale
+        return occupied, empty, u1 * u2 * scale, conflict
+
+
+def floored(occupied: Floats, empty: Floats, unknown: Floats) -> Masses:
+    """Keep a little mass unknown, so that no reading is final; the three still add up to 1."""
+    unknown = np.maximum(unknown, UNKNOWN_FLOOR)
+    scale = (1.0 - unknown) / np.maximum(occupied + empty, UNKNOWN_FLOOR)
+    return occupied * scale, empty * scale, unknown
+
+
+class Himm(UpdateRule):
+    """Certainty 0 .. 15 along the axis only: 1 less in front, then 3 more at the obstacle."""
+
+    name, kind, start = "himm", "certainty", {"certainty": 0.0}
+    order_matters = True
+    per_sample = False
+
+    def merge(self, cells: Cells, temp: TempGrid) -> None:
+        passed, hit = axis_cells(temp)
+        certainty = cells["certainty"]
+        certainty[passed] = np.maximum(certainty[passed] - HIMM_MISS, 0.0)
+        certainty[hit] = np.minimum(certainty[hit] + HIMM_HIT, HIMM_MOST)
+
+    def values(self, cells: Cells) -> Floats:
+        return cells["certainty"]
+
+    def probability(self, cells: Cells, largest: float) -> Floats:
+        return cells["certainty"] / HIMM_MOST
+
+
+UPDATE_RULES: dict[str, UpdateRule] = {
+    rule.name: rule
+    for rule in (Binary(), Count(), Sum(), Bayes(), Odds(), DempsterShafer(), Himm())
+}

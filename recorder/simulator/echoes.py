@@ -1,0 +1,203 @@
+"""What a sensor hears or sees between known walls, with the faults of real ones.
+
+A sonar hears the nearest surface in its cone that sends enough sound back. A surface does so when
+the beam meets it nearly square; beyond some 25 degrees it acts as a mirror, and the echo comes
+from what the mirror shows, by a longer way. A right-angled corner sends sound back whatever the
+angle. An infrared ranger and a laser see along a thin line, and no surface mirrors their light.
+
+``noise`` scales every fault at once: the width of the cone that is listened to, the mirrors, the
+share of short and lost echoes, the spread of the readings. 1 is a usual cheap sensor; 0 a perfect
+one: the exact distance, along the axis alone, of the nearest wall. Every reading draws equally many
+random numbers, whatever ``noise`` is.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorder.geometry import SE2
+from recorder.messages import Radiation
+from recorder.sensors import SensorParameters
+from recorder.simulator.walls import Points, Walls
+
+MIRROR_DEG = 25.0  # a surface met at more than this sends most of the sound away
+_MIRROR_SPREAD_DEG = 4.0
+_MIRRORED_SHARE = 0.8  # of the sound is left after the detour over a mirror
+_CORNER_RAD = math.radians(10.0)  # two walls that turn the sound back by this much are a corner
+_CORNER_SHARE = 0.2  # of the way there: how far apart the sound may meet the corner's two walls
+_EDGE_LOUDNESS = 0.4  # of the cone, against its axis
+_HEARD_LOWEST, _HEARD_HIGHEST = 0.15, 0.5  # how loud an echo must be: drawn for each ping
+_SHORT_SHARE = 0.02
+_LOST_SHARE = 0.08  # with the pings that are mirrored away altogether: about a tenth without echo
+_SONAR_ERROR, _SONAR_ERROR_M = 0.01, 0.005
+_INFRARED_ERROR = 0.03
+_INFRARED_AIM_RAD = math.radians(0.5)
+_LASER_ERROR_M = 0.01
+_RAY_SPACING_RAD = math.radians(1.0)
+_END_TOLERANCE = 1e-9  # of a wall's length: no ray slips through where two walls meet
+
+
+@dataclass(frozen=True, slots=True)
+class Ranger:
+    """A simulated ranger: its name, its beam and where it sits on the robot or its head."""
+
+    name: str
+    parameters: SensorParameters
+    mount: SE2
+
+
+@dataclass(frozen=True, slots=True)
+class Hits:
+    """What rays (N,) meet: how far, at which angle to the wall's normal, and which way it faces.
+
+    ``distance_m`` is +Inf where there is nothing. ``incidence_rad`` lies in [0, π/2];
+    ``wall_rad`` is the direction along the wall.
+    """
+
+    distance_m: NDArray[np.float64]
+    incidence_rad: NDArray[np.float64]
+    wall_rad: NDArray[np.float64]
+
+    def select(self, which: NDArray[np.bool_]) -> Hits:
+        """Some of the rays."""
+        return Hits(self.distance_m[which], self.incidence_rad[which], self.wall_rad[which])
+
+
+def cast(walls_m: Walls, origins_m: Points, headings_rad: NDArray[np.float64]) -> Hits:
+    """The nearest wall on each of N rays, each met at a distance above zero.
+
+    ``walls_m`` (K, 2, 2), ``origins_m`` (N, 2) or (2,), ``headings_rad`` (N,). A wall that runs
+    along a ray is met at its neighbours. Solves ``origin + t·ray = start + u·wall`` by Cramer's
+    rule for all pairs at once.
+    """
+    ray_x, ray_y = np.cos(headings_rad)[:, None], np.sin(headings_rad)[:, None]
+    wall_x, wall_y = (walls_m[:, 1] - walls_m[:, 0]).T
+    origins_m = np.atleast_2d(origins_m)
+    to_wall_x = walls_m[:, 0, 0] - origins_m[:, 0, None]
+    to_wall_y = walls_m[:, 0, 1] - origins_m[:, 1, None]
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        inverse = 1.0 / (ray_x * wall_y - ray_y * wall_x)
+        along_ray = (to_wall_x * wall_y - to_wall_y * wall_x) * inverse
+        along_wall = (to_wall_x * ray_y - to_wall_y * ray_x) * inverse
+        met = (along_ray > 1e-9) & (np.abs(along_wall - 0.5) <= 0.5 + _END_TOLERANCE)
+    distance_m = np.where(met, along_ray, np.inf)
+    nearest = np.argmin(distance_m, axis=1)
+    wall_rad = np.arctan2(wall_y, wall_x)[nearest]
+    incidence_rad = np.arccos(np.clip(np.abs(np.sin(headings_rad - wall_rad)), 0.0, 1.0))
+    return Hits(distance_m[np.arange(len(nearest)), nearest], incidence_rad, wall_rad)
+
+
+def range_reading(
+    walls_m: Walls,
+    world_from_sensor: SE2,
+    ranger: Ranger,
+    noise: float,
+    rng: np.random.Generator,
+) -> float:
+    """One reading in metres; +Inf: nothing seen; -Inf: too close to measure."""
+    known = ranger.parameters
+    chances, spreads = rng.random(4), rng.standard_normal(2)
+    if known.radiation is Radiation.ULTRASOUND:
+        range_m = _sonar(walls_m, world_from_sensor, known, noise, chances, spreads)
+    else:
+        range_m = _infrared(walls_m, world_from_sensor, noise, spreads)
+    if range_m > known.max_range_m:
+        return math.inf
+    return -math.inf if range_m < known.min_range_m else range_m
+
+
+def scan_reading(
+    walls_m: Walls,
+    world_from_sensor: SE2,
+    bearings_rad: NDArray[np.float64],
+    min_range_m: float,
+    max_range_m: float,
+    noise: float,
+    rng: np.random.Generator,
+) -> NDArray[np.float64]:
+    """One laser scan: ranges (N,) in metres along ``bearings_rad`` (N,), ±Inf as for a ranger."""
+    origin_m = np.array([world_from_sensor.x_m, world_from_sensor.y_m])
+    hits = cast(walls_m, origin_m, world_from_sensor.heading_rad + bearings_rad)
+    ranges_m = hits.distance_m + _LASER_ERROR_M * noise * rng.standard_normal(len(bearings_rad))
+    ranges_m[ranges_m > max_range_m] = np.inf
+    ranges_m[ranges_m < min_range_m] = -np.inf
+    return ranges_m
+
+
+def fan(width_rad: float) -> NDArray[np.float64]:
+    """Directions (N,) across a beam, its axis and both edges included, about a degree apart."""
+    count = 2 * max(1, math.ceil(width_rad / 2.0 / _RAY_SPACING_RAD)) + 1
+    return np.linspace(-width_rad / 2.0, width_rad / 2.0, count)
+
+
+def _sonar(
+    walls_m: Walls,
+    world_from_sensor: SE2,
+    known: SensorParameters,
+    noise: float,
+    chances: NDArray[np.float64],
+    spreads: NDArray[np.float64],
+) -> float:
+    """A ping before the limits of the sensor: +Inf when no echo is loud enough."""
+    if noise == 0.0:
+        return _along_axis(walls_m, world_from_sensor)
+    heard_m = _echo(walls_m, world_from_sensor, known.beam_width_rad, noise, chances[0])
+    if chances[1] < _LOST_SHARE * noise or heard_m > known.max_range_m:
+        return math.inf
+    if chances[2] < _SHORT_SHARE * noise:
+        return known.min_range_m + float(chances[3]) * max(0.0, heard_m - known.min_range_m)
+    error = 1.0 + _SONAR_ERROR * noise * spreads[0]
+    return float(heard_m * error + _SONAR_ERROR_M * noise * spreads[1])
+
+
+def _echo(
+    walls_m: Walls, world_from_sensor: SE2, width_rad: float, noise: float, draw: float
+) -> float:
+    """How far the nearest echo seems that is loud enough: straight, over one mirror or a corner."""
+    sharpness = min(1.0, noise)
+    bearings_rad = sharpness * fan(width_rad)
+    headings_rad = world_from_sensor.heading_rad + bearings_rad
+    origin_m = np.array([world_from_sensor.x_m, world_from_sensor.y_m])
+    first = cast(walls_m, origin_m, headings_rad)
+    met = np.isfinite(first.distance_m)
+    first, heading_in = first.select(met), headings_rad[met]
+    way = np.column_stack([np.cos(heading_in), np.sin(heading_in)])
+    mirror_m = origin_m + first.distance_m[:, None] * way
+    heading_on = 2.0 * first.wall_rad - heading_in
+    second = cast(walls_m, mirror_m, heading_on)
+
+    straight = _returned(first.incidence_rad, sharpness)
+    mirrored = _MIRRORED_SHARE * (1.0 - straight) * _returned(second.incidence_rad, sharpness)
+    back = np.cos(2.0 * second.wall_rad - heading_on - heading_in) < -math.cos(_CORNER_RAD)
+    corner = (1.0 - straight) * (back & (second.distance_m < _CORNER_SHARE * first.distance_m))
+    loudness = np.stack([straight, mirrored, corner])
+    beam = _EDGE_LOUDNESS ** np.square(2.0 * bearings_rad[met] / width_rad)
+    heard = loudness * beam >= _HEARD_LOWEST + (_HEARD_HIGHEST - _HEARD_LOWEST) * draw
+    there_m, on_m = first.distance_m, second.distance_m
+    range_m = np.stack([there_m, there_m + on_m, there_m + 0.5 * on_m])
+    return float(np.min(range_m, where=heard, initial=np.inf))
+
+
+def _returned(incidence_rad: NDArray[np.float64], sharpness: float) -> NDArray[np.float64]:
+    """Share of the sound that a surface sends straight back, from 1 (square) to 0 (grazing)."""
+    limit_deg = 90.0 - (90.0 - MIRROR_DEG) * sharpness
+    excess = (np.degrees(incidence_rad) - limit_deg) / _MIRROR_SPREAD_DEG
+    return np.asarray(0.5 - 0.5 * np.tanh(excess / 2.0))
+
+
+def _infrared(
+    walls_m: Walls, world_from_sensor: SE2, noise: float, spreads: NDArray[np.float64]
+) -> float:
+    """Light along a thin line that wavers a little; no surface mirrors it away."""
+    aim = SE2(0.0, 0.0, _INFRARED_AIM_RAD * noise * float(spreads[0]))
+    distance_m = _along_axis(walls_m, world_from_sensor @ aim)
+    return distance_m * (1.0 + _INFRARED_ERROR * noise * float(spreads[1]))
+
+
+def _along_axis(walls_m: Walls, world_from_sensor: SE2) -> float:
+    origin_m = np.array([world_from_sensor.x_m, world_from_sensor.y_m])
+    return float(cast(walls_m, origin_m, np.array([world_from_sensor.heading_rad])).distance_m[0])

@@ -1,0 +1,186 @@
+"""What arrives from the device and the tracker → messages for the session, and what to count.
+
+No threads and no files: packets, poses and changes of the link go in with the time of their
+arrival, ``(log_ns, message)`` pairs come out, and a tally is kept of everything else.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import logging
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+from recorder.clock import DeviceClock
+from recorder.geometry import SE2
+from recorder.link import LinkEvent, LinkState
+from recorder.messages import BASE_FRAME, Message, Odometry, Pose, Range, RawLine, Transform
+from recorder.odometry import DeadReckoning, WheelGeometry
+from recorder.protocols.echogrid import SEQ_RANGE
+from recorder.protocols.reports import (
+    HeadReport,
+    HelloReport,
+    LogReport,
+    Packet,
+    PoseReport,
+    RangeReport,
+    Report,
+    WheelReport,
+)
+from recorder.sensors import BUILT_IN_SENSORS, UNKNOWN_SENSOR, SensorParameters
+from recorder.tracker import BadTrackerLine, TrackedPose, TrackerEvent
+
+_LARGEST_GAP = 1000  # lines that may go missing at once when the device's clock says nothing of it
+_MAX_LINES_PER_MS = 2
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingCounters:
+    """What was received, written and lost, in lines of the serial link unless said otherwise."""
+
+    received: int = 0  # sound, and understood
+    unknown_kind: int = 0  # sound, but of a kind that we do not know
+    bad_checksum: int = 0
+    malformed: int = 0
+    cut: int = 0
+    overlong: int = 0
+    noise: int = 0  # stretches of bytes that belong to no line
+    gaps: int = 0  # never arrived soundly, by their sequence numbers
+    duplicates: int = 0  # with the sequence number of the line before
+    reconnects: int = 0
+    device_restarts: int = 0
+    unknown_sensors: int = 0  # names that had to be given the defaults
+    poses: int = 0  # from the tracker
+    tracker_bad_lines: int = 0
+    tracker_dated_by_arrival: int = 0  # poses whose own time was missing or not to be believed
+    tracker_reconnects: int = 0
+    written: int = 0  # messages in the session
+    ended: str = ""  # why the recording ended
+    failure: str = ""  # why the session could not be written any more, if so
+
+    def numbers(self) -> dict[str, int]:
+        """All counters that are numbers, by name."""
+        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        return {name: value for name, value in values.items() if isinstance(value, int)}
+
+
+def raw_line(packet: Packet, arrival_ns: int) -> RawLine:
+    """The bytes of a packet as they came."""
+    return RawLine(arrival_ns, packet.raw.decode("latin-1"))
+
+
+class Translator:
+    """Turns packets and tracker events into messages, and counts; one for each recording."""
+
+    def __init__(
+        self,
+        *,
+        sensors: Mapping[str, SensorParameters] | None = None,
+        wheels: WheelGeometry | None = None,
+    ) -> None:
+        self.tally: Counter[str] = Counter()
+        self.hello: HelloReport | None = None
+        self._sensors = {**BUILT_IN_SENSORS, **(sensors or {})}
+        self._dead_reckoning = DeadReckoning(wheels) if wheels is not None else None
+        self._clock = DeviceClock()
+        self._seq: int | None = None
+
+    def packet(self, packet: Packet, arrival_ns: int) -> Iterator[tuple[int, Message]]:
+        """The raw line, and what it says if it says anything."""
+        yield arrival_ns, raw_line(packet, arrival_ns)
+        if packet.fault is not None:
+            self.tally[packet.fault.value] += 1
+        else:
+            self.tally["received"] += 1
+        t_ns = self._measured_ns(packet, arrival_ns)
+        message = None if packet.report is None else self._message(packet.report, t_ns)
+        if message is not None:
+            yield arrival_ns, message
+
+    def link_event(self, event: LinkEvent) -> None:
+        """The serial link was opened, lost or opened again."""
+        if event.state is LinkState.LOST:
+            self._clock.forget()
+        self.tally["reconnects"] += event.state is LinkState.REOPENED
+
+    def tracker_event(self, event: TrackerEvent) -> Iterator[tuple[int, Message]]:
+        """A pose of the tracker, or something to count."""
+        match event:
+            case TrackedPose():
+                self.tally["poses"] += 1
+                self.tally["tracker_dated_by_arrival"] += event.dated_by_arrival
+                yield event.arrival_ns, event.pose
+            case BadTrackerLine():
+                self.tally["tracker_bad_lines"] += 1
+            case LinkEvent():
+                self.tally["tracker_reconnects"] += event.state is LinkState.REOPENED
+
+    def _measured_ns(self, packet: Packet, arrival_ns: int) -> int:
+        """Host time of the measurement; lost lines and restarts are counted on the way."""
+        t_ns, in_step_ms, restarted = arrival_ns, 0, False
+        if packet.device_ms is not None:
+            estimate = self._clock.estimate(packet.device_ms, arrival_ns)
+            t_ns, in_step_ms, restarted = estimate.t_ns, estimate.in_step_ms, estimate.restarted
+        step = 1
+        if packet.seq is not None and self._seq is not None:
+            step = (packet.seq - self._seq) % SEQ_RANGE
+        if not restarted and step > _LARGEST_GAP + _MAX_LINES_PER_MS * in_step_ms:
+            # nothing can have sent so many lines meanwhile: the numbers began anew, although the
+            # clock could pass for having gone on
+            restarted = True
+            self._clock.forget()
+            if packet.device_ms is not None:
+                t_ns = self._clock.estimate(packet.device_ms, arrival_ns).t_ns
+        if packet.seq is not None:
+            self._seq = packet.seq
+        if restarted:
+            self._restarted()
+        else:
+            self.tally["duplicates"] += step == 0
+            self.tally["gaps"] += max(step - 1, 0)
+        return t_ns
+
+    def _restarted(self) -> None:
+        self.tally["device_restarts"] += 1
+        if self._dead_reckoning is not None:
+            self._dead_reckoning.restart()
+
+    def _message(self, report: Report, t_ns: int) -> Message | None:
+        """What a report is in the session; None for one that only the raw line keeps."""
+        match report:
+            case RangeReport():
+                return self._range(report, t_ns)
+            case HeadReport():
+                turn = SE2(0.0, 0.0, report.angle_rad)
+                return Transform(t_ns, BASE_FRAME, report.head, turn, static=False)
+            case PoseReport():
+                return Pose(t_ns, SE2(report.x_m, report.y_m, report.heading_rad))
+            case WheelReport():
+                if self._dead_reckoning is None:
+                    return None
+                return Odometry(t_ns, self._dead_reckoning.update(report.left, report.right))
+            case HelloReport():
+                self.hello = report
+                return None
+            case LogReport():
+                _log.info("device: %s", report.text)
+                return None
+
+    def _range(self, report: RangeReport, t_ns: int) -> Range:
+        sensor = self._sensors.get(report.sensor)
+        if sensor is None:
+            sensor = self._sensors[report.sensor] = UNKNOWN_SENSOR
+            self.tally["unknown_sensors"] += 1
+            _log.warning("sensor %s is not known: taken for an ultrasonic one", report.sensor)
+        return Range(
+            t_ns,
+            report.sensor,
+            report.range_m,
+            sensor.beam_width_rad,
+            sensor.min_range_m,
+            sensor.max_range_m,
+            sensor.radiation,
+        )

@@ -1,0 +1,244 @@
+"""Rows wait here, by entity, and go to the file many at a time.
+
+Calling the viewer's ``log`` once for each thing of each step would take far longer, and versions
+of one tile that lie next to each other compress far better. A *pack* turns the values of many rows
+into columns; it knows what an entity looks like and nothing of when.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import rerun as rr
+from numpy.typing import NDArray
+
+from replay.rrd import layout
+
+Columns = list[rr.ComponentColumn]
+Pack = Callable[[Sequence[Any]], Columns]
+
+
+@dataclass(frozen=True, slots=True)
+class Stamp:
+    """When something is shown, on each of the three timelines."""
+
+    step: int
+    reading: int
+    t_ns: int
+
+
+class ColumnBuffer:
+    """Rows by entity and pack, until they are sent.
+
+    ``bytes`` is roughly what waits, ``chunks`` how many were sent.
+    """
+
+    def __init__(self, recording: rr.RecordingStream) -> None:
+        self._recording = recording
+        self._rows: dict[tuple[str, Pack], tuple[list[Stamp], list[Any]]] = {}
+        self.bytes = 0
+        self.chunks = 0
+
+    def add(self, entity: str, pack: Pack, stamp: Stamp, value: Any, size: int = 64) -> None:
+        """Keep one row; ``size`` is how many bytes its value takes."""
+        stamps, values = self._rows.setdefault((entity, pack), ([], []))
+        stamps.append(stamp)
+        values.append(value)
+        self.bytes += size
+
+    def send(self) -> None:
+        """Hand all rows to the recording, as one chunk for each entity and pack.
+
+        The records of the steps go last: a file that was cut off never tells of a step whose
+        values it lost.
+        """
+        in_order = sorted(self._rows.items(), key=lambda rows: rows[0][0] == layout.STEPS)
+        for (entity, pack), (stamps, values) in in_order:
+            self._recording.send_columns(entity, _indexes(stamps), pack(values), strict=True)
+        self.chunks += len(self._rows)
+        self._rows.clear()
+        self.bytes = 0
+
+
+def _indexes(stamps: list[Stamp]) -> list[rr.TimeColumn]:
+    times = np.array([stamp.t_ns for stamp in stamps], np.int64)
+    return [
+        rr.TimeColumn(layout.STEP, sequence=[stamp.step for stamp in stamps]),
+        rr.TimeColumn(layout.READING, sequence=[stamp.reading for stamp in stamps]),
+        rr.TimeColumn(layout.TIME, timestamp=times.view("datetime64[ns]")),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrow:
+    """An Arrow array that is taken as it is: no copy, no guess at its type."""
+
+    array: pa.Array
+
+    def as_arrow_array(self) -> pa.Array:
+        return self.array
+
+
+def _offsets(lengths: Sequence[int]) -> NDArray[np.int32]:
+    return np.concatenate([[0], np.cumsum(lengths)]).astype(np.int32)
+
+
+def _joined(name: str, rows: Sequence[NDArray[Any]]) -> rr.ComponentColumn:
+    """A component of our own: each row a flat list of numbers, of the rows' own type."""
+    flat = np.concatenate([np.ravel(row) for row in rows]) if rows else np.zeros(0)
+    lengths = [row.size for row in rows]
+    return rr.ComponentColumn(
+        rr.ComponentDescriptor(name), _Arrow(pa.array(flat)), offsets=_offsets(lengths)
+    )
+
+
+def _texts(name: str, rows: Sequence[str]) -> rr.ComponentColumn:
+    return rr.ComponentColumn(rr.ComponentDescriptor(name), _Arrow(pa.array(rows, pa.string())))
+
+
+_BLOB = pa.list_(pa.field("item", pa.uint8(), nullable=False))
+_BUFFER = next(iter(rr.SegmentationImage.columns(buffer=[b"0"]))).component_descriptor()
+
+
+def image_format(shape: tuple[int, ...]) -> rr.components.ImageFormat:
+    """One byte a cell, rows and columns as in ``shape``."""
+    return rr.components.ImageFormat(
+        width=shape[1], height=shape[0], color_model="L", channel_datatype="U8"
+    )
+
+
+def class_images(rows: Sequence[NDArray[np.uint8]]) -> Columns:
+    """Pictures (rows, cols) of classes whose place and size were said once for the entity."""
+    flat = np.concatenate([row.ravel() for row in rows])
+    offsets = pa.array(_offsets([row.size for row in rows]))
+    blobs = pa.ListArray.from_arrays(offsets, pa.array(flat), type=_BLOB)
+    return [rr.ComponentColumn(_BUFFER, _Arrow(blobs))]
+
+
+@dataclass(frozen=True, slots=True)
+class Patch:
+    """A picture of classes with its place: the outer corner of its cell (0, 0), metres."""
+
+    corner_m: tuple[float, float]
+    cell_m: float
+    cells: NDArray[np.uint8]
+
+
+NOTHING = Patch((0.0, 0.0), 1.0, np.zeros((1, 1), np.uint8))
+
+
+def patches(rows: Sequence[Patch]) -> Columns:
+    """Pictures whose place and size differ from row to row; class 0 is transparent.
+
+    The scale is written again each time: a transform is taken from one row, whole.
+    """
+    formats = [image_format(row.cells.shape) for row in rows]
+    return [
+        *class_images([row.cells for row in rows]),
+        *rr.SegmentationImage.columns(format=formats),
+        *rr.Transform3D.columns(
+            translation=[[*row.corner_m, 0.0] for row in rows],
+            scale=[[row.cell_m] * 3 for row in rows],
+        ),
+    ]
+
+
+def float32_values(rows: Sequence[NDArray[np.float32]]) -> Columns:
+    """The exact values of a grid or tile, row by row from the lowest y."""
+    return [_joined("values", rows)]
+
+
+def texts(rows: Sequence[str]) -> Columns:
+    """Text as markdown; the media type was said once for the entity."""
+    return list(rr.TextDocument.columns(text=rows))
+
+
+def scalars(rows: Sequence[float]) -> Columns:
+    """One number a row, for plots."""
+    return list(rr.Scalars.columns(scalars=rows))
+
+
+def points(rows: Sequence[NDArray[np.float64]]) -> Columns:
+    """Points (N, 2), metres; N may differ, and be 0 to take points away."""
+    both = np.concatenate(rows).reshape(-1, 2)
+    return list(rr.Points2D.columns(positions=both).partition([len(row) for row in rows]))
+
+
+_STRIPS = next(iter(rr.LineStrips2D.columns(strips=[[[0, 0], [1, 1]]]))).component_descriptor()
+_VERTEX = pa.list_(pa.field("item", pa.float32(), nullable=False), 2)
+_STRIP = pa.list_(pa.field("item", _VERTEX, nullable=False))
+
+
+def strips(rows: Sequence[Sequence[NDArray[np.float64]]]) -> Columns:
+    """Line strips, each (N, 2) in metres; no strip at all takes lines away."""
+    every = [strip for row in rows for strip in row]
+    lengths = [len(row) for row in rows]
+    vertices = np.concatenate([np.zeros((0, 2)), *every]).astype(np.float32).ravel()
+    pairs = pa.FixedSizeListArray.from_arrays(pa.array(vertices), type=_VERTEX)
+    offsets = pa.array(_offsets([len(strip) for strip in every]))
+    lists = pa.ListArray.from_arrays(offsets, pairs, type=_STRIP)
+    return [rr.ComponentColumn(_STRIPS, _Arrow(lists), offsets=_offsets(lengths))]
+
+
+def arrows(rows: Sequence[NDArray[np.float64]]) -> Columns:
+    """One arrow a row, as its start and its vector: (2, 2), metres."""
+    both = np.stack(rows)
+    return list(rr.Arrows2D.columns(origins=both[:, 0], vectors=both[:, 1]))
+
+
+@dataclass(frozen=True, slots=True)
+class StepRecord:
+    """What a step is: the artifact's name, the layer that it belongs to or nothing, and the layers
+    whose values in the file are complete and exact at this step."""
+
+    artifact: str
+    layer: str
+    exact: tuple[str, ...]
+
+
+def step_records(rows: Sequence[StepRecord]) -> Columns:
+    """One record a step, for the reader."""
+    exact = [name for row in rows for name in row.exact]
+    lengths = [len(row.exact) for row in rows]
+    return [
+        _texts("artifact", [row.artifact for row in rows]),
+        _texts("layer", [row.layer for row in rows]),
+        _texts("exact", exact).partition(lengths),
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class BeamRecord:
+    """A beam's names, and its numbers (float64) by name."""
+
+    sensor: str
+    layer: str
+    numbers: dict[str, NDArray[np.float64]]
+
+
+def beam_records(rows: Sequence[BeamRecord]) -> Columns:
+    """Where the robot and the sensor stood and what was read, exactly."""
+    return [
+        _texts("sensor", [row.sensor for row in rows]),
+        _texts("layer", [row.layer for row in rows]),
+        *(_joined(name, [row.numbers[name] for row in rows]) for name in rows[0].numbers),
+    ]
+
+
+def layer_records(rows: Sequence[tuple[str, str]]) -> Columns:
+    """The unit of a layer's values, and its update rule."""
+    return [_texts("kind", [row[0] for row in rows]), _texts("rule", [row[1] for row in rows])]
+
+
+def number_records(rows: Sequence[NDArray[Any]]) -> Columns:
+    """Numbers of any one type, exactly: a segment, a border's cells, raw points."""
+    return [_joined("numbers", rows)]
+
+
+def notices(rows: Sequence[str]) -> Columns:
+    """Lines of a log."""
+    return list(rr.TextLog.columns(text=rows, level=["WARN"] * len(rows)))

@@ -1,0 +1,199 @@
+"""Entity names, drawing order and colours of a recording: the one place where they are written.
+
+Reader, writer and blueprints all take them from here. A layer's things lie below its own name, so
+that a view of ``/map/ping`` shows one sensor and nothing of another. Grids are cut into tiles, each
+an entity of its own: the viewer then finds the newest version of every tile at any step, and a
+reading writes only the tiles that it changed.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from mapping.grid import GridGeometry, Window
+
+MAP = "/map"
+GRID = f"{MAP}/grid"
+WALLS = f"{MAP}/walls"
+ROBOT = f"{MAP}/robot"
+PATH = f"{MAP}/path"
+CLASSES = f"{MAP}/classes"
+RANGES = "/ranges"
+EXPLANATION = "/explanation"
+CONFIG = "/config"
+LEGEND = "/legend"
+STEPS = "/steps"
+NOTICE = "/notice"
+
+STEP, READING, TIME = "step", "reading", "time"
+
+# What is drawn over what, from below.
+ORDER_TILES, ORDER_CLASSES, ORDER_THRESHOLDED, ORDER_PATCH = 0.0, 1.0, 2.0, 3.0
+ORDER_WALLS, ORDER_BORDERS, ORDER_PATH, ORDER_POINTS = 5.0, 6.0, 7.0, 8.0
+ORDER_SEGMENTS, ORDER_BEAM, ORDER_ROBOT = 9.0, 10.0, 11.0
+
+Colour = tuple[int, int, int, int]
+
+NEVER_SEEN: Colour = (150, 158, 178, 255)
+FULLER: Colour = (214, 39, 40, 255)
+EMPTIER: Colour = (31, 100, 210, 255)
+WALL: Colour = (46, 160, 67, 200)
+BORDER: Colour = (255, 150, 30, 255)
+SEGMENT: Colour = (230, 0, 160, 255)
+RAW_SEGMENT: Colour = (130, 60, 220, 255)
+OCCUPIED: Colour = (255, 205, 0, 150)
+ROBOT_COLOUR: Colour = (0, 150, 136, 255)
+PATH_COLOUR: Colour = (0, 150, 136, 150)
+# One colour a sensor, in the map and in the plot of ranges.
+SENSORS: tuple[Colour, ...] = (
+    (255, 105, 0, 255), (0, 114, 190, 255), (126, 47, 142, 255), (90, 150, 20, 255),
+    (160, 80, 40, 255), (0, 160, 170, 255),
+)  # fmt: skip
+# Of the class map: by name where the name says it, and for one sensor alone by number.
+_CLASS_COLOURS: dict[str, Colour] = {
+    "unknown": NEVER_SEEN, "agree occupied": (0, 0, 0, 255), "agree empty": (255, 255, 255, 255),
+    "contradict": (220, 30, 30, 255),
+}  # fmt: skip
+_ALONE_NAMES = ("orange", "blue", "purple", "green", "brown", "teal")
+_ALONE_OCCUPIED: tuple[Colour, ...] = (
+    (200, 85, 0, 255), (0, 80, 150, 255), (100, 30, 115, 255), (60, 110, 10, 255),
+    (110, 50, 20, 255), (0, 110, 120, 255),
+)  # fmt: skip
+
+GROUP = 32  # borders or segments that share an entity
+
+_SMALL_TILE = 64
+_MOST_TILES = 256
+
+
+def class_colour(name: str, number: int) -> Colour:
+    """Colour of a class: ``... alone empty`` is a pale, ``... alone occupied`` a full colour."""
+    if name in _CLASS_COLOURS:
+        return _CLASS_COLOURS[name]
+    pair = max(number - len(_CLASS_COLOURS), 0) // 2
+    r, g, b, a = _ALONE_OCCUPIED[pair % len(_ALONE_OCCUPIED)]
+    if name.endswith("empty"):
+        return (r + 3 * (255 - r) // 4, g + 3 * (255 - g) // 4, b + 3 * (255 - b) // 4, a)
+    return (r, g, b, a)
+
+
+def class_colour_name(name: str, number: int) -> str:
+    """The same in a word."""
+    words = {"unknown": "blue-grey", "agree occupied": "black", "agree empty": "white",
+             "contradict": "red"}  # fmt: skip
+    pair = max(number - len(_CLASS_COLOURS), 0) // 2
+    alone = _ALONE_NAMES[pair % len(_ALONE_NAMES)]
+    return words.get(name, f"pale {alone}" if name.endswith("empty") else alone)
+
+
+def layer_root(layer: str) -> str:
+    """Where all of a layer lies; characters that mean something in a path are escaped."""
+    return f"{MAP}/layers/{_part(layer)}"
+
+
+def merged(layer: str) -> str:
+    """The root of a layer's tiles."""
+    return f"{layer_root(layer)}/merged"
+
+
+def tile(root: str, row: int, col: int) -> str:
+    """One tile below a root, by its place among the tiles, counted from the lower left."""
+    return f"{root}/t{row:02d}_{col:02d}"
+
+
+def extra(layer: str, name: str) -> str:
+    """A further array of a layer, whole, at its snapshots."""
+    return f"{layer_root(layer)}/extra/{_part(name)}"
+
+
+def temp(layer: str) -> str:
+    """What the newest reading says, over the map."""
+    return f"{layer_root(layer)}/temp"
+
+
+def change(layer: str) -> str:
+    """What the newest reading changed, over the map."""
+    return f"{layer_root(layer)}/change"
+
+
+def beam(layer: str) -> str:
+    """Outline of the newest beam."""
+    return f"{layer_root(layer)}/beam"
+
+
+def points(layer: str) -> str:
+    """Obstacle points, one reading at a time."""
+    return f"{layer_root(layer)}/points"
+
+
+def raw_points(layer: str) -> str:
+    """All obstacle points of a layer together, at the end."""
+    return f"{layer_root(layer)}/raw_points"
+
+
+def thresholded(layer: str) -> str:
+    """The root of the tiles that show the cells taken as occupied, over the map."""
+    return f"{layer_root(layer)}/thresholded"
+
+
+def borders(layer: str) -> str:
+    """The root of a layer's borders; numbered groups lie below."""
+    return f"{layer_root(layer)}/borders"
+
+
+def segments(layer: str, source: str) -> str:
+    """The root of a layer's segments from ``source``; numbered groups lie below."""
+    return f"{layer_root(layer)}/segments/{_part(source)}"
+
+
+def group(root: str, number: int) -> str:
+    """One group of ``GROUP`` borders or segments below a root."""
+    return f"{root}/g{number:03d}"
+
+
+def sensor_range(sensor: str) -> str:
+    """The plot of one sensor's ranges."""
+    return f"{RANGES}/{_part(sensor)}"
+
+
+def _part(name: str) -> str:
+    return re.sub(r"([^\w.-])", r"\\\1", name)
+
+
+@dataclass(frozen=True, slots=True)
+class Tiling:
+    """How a grid is cut: square tiles of ``side`` cells from cell (0, 0); the last are cut off."""
+
+    geometry: GridGeometry
+    side: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """How many tiles lie above each other, and beside each other."""
+        return -(-self.geometry.rows // self.side), -(-self.geometry.cols // self.side)
+
+    def window(self, row: int, col: int) -> Window:
+        """The cells of the tile at ``row``, ``col``."""
+        row0, col0 = row * self.side, col * self.side
+        rows = min(self.side, self.geometry.rows - row0)
+        return Window(row0, col0, rows, min(self.side, self.geometry.cols - col0))
+
+    def __iter__(self) -> Iterator[tuple[int, int]]:
+        rows, cols = self.shape
+        return ((row, col) for row in range(rows) for col in range(cols))
+
+
+def tiling_for(geometry: GridGeometry) -> Tiling:
+    """Tiles of 64 cells, doubled until there are few enough for the viewer to stay quick."""
+    tiling = Tiling(geometry, _SMALL_TILE)
+    while tiling.shape[0] * tiling.shape[1] > _MOST_TILES:
+        tiling = Tiling(geometry, tiling.side * 2)
+    return tiling
+
+
+def corner_m(geometry: GridGeometry, window: Window) -> tuple[float, float]:
+    """The outer corner of a window's first cell, metres, map frame."""
+    x, y = geometry.origin_m
+    return x + window.col0 * geometry.resolution_m, y + window.row0 * geometry.resolution_m

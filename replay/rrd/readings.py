@@ -1,0 +1,93 @@
+"""How a reading looks, in its three steps: the beam, what it says, and what it did to the map."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.artifacts import MergedGrid, TempGrid
+from mapping.beams import Beam
+from mapping.grid import Window
+from replay.rrd import columns, layout, scene
+from replay.rrd.canvas import Canvas
+from replay.rrd.columns import NOTHING, BeamRecord, Patch
+from replay.rrd.pictures import beam_outline, strength_classes
+
+_ARROW_SHARE = 0.05  # of the grid's diagonal: long enough to be seen, whatever the grid
+_NO_STRIPS: list[NDArray[np.float64]] = []
+
+
+def draw_beam(canvas: Canvas, beam: Beam) -> None:
+    """The robot, its sensor's beam and obstacle points, and the range in the plot."""
+    canvas.wipe()
+    base = beam.world_from_base
+    length = _ARROW_SHARE * float(np.hypot(*canvas.geometry.size_m))
+    towards = length * np.array([np.cos(base.heading_rad), np.sin(base.heading_rad)])
+    here = np.array([base.x_m, base.y_m])
+    canvas.add(layout.ROBOT, columns.arrows, np.stack([here, towards]))
+    canvas.add(layout.PATH, columns.points, here[None])
+    outline = beam_outline(beam)
+    canvas.add_for_now(
+        layout.beam(beam.layer), columns.strips, outline, _NO_STRIPS, sum(s.nbytes for s in outline)
+    )
+    if beam.saw_something.any():
+        canvas.add(layout.points(beam.layer), columns.points, beam.points_m, beam.points_m.nbytes)
+    _draw_range(canvas, beam)
+    _record(canvas, beam)
+
+
+def draw_temp(canvas: Canvas, temp: TempGrid) -> None:
+    """What the reading says, as a patch over the map."""
+    canvas.layer(temp.beam.layer)
+    if temp.window.empty:
+        return
+    classes = strength_classes(temp.probability - 0.5, temp.band | temp.front)
+    _draw_patch(canvas, layout.temp(temp.beam.layer), temp.window, classes)
+
+
+def draw_merged(canvas: Canvas, merged: MergedGrid, *, exact: bool) -> None:
+    """The tiles that changed; the patch of what the reading said goes."""
+    canvas.wipe(layout.temp(merged.layer))
+    canvas.draw_layer(merged.layer, exact=exact)
+
+
+def draw_change(canvas: Canvas, merged: MergedGrid) -> None:
+    """The difference that the reading made, as a patch for the views that show it."""
+    if merged.window.empty:
+        return
+    difference = merged.probability - merged.previous
+    classes = strength_classes(difference, difference != 0)
+    _draw_patch(canvas, layout.change(merged.layer), merged.window, classes)
+
+
+def _draw_patch(canvas: Canvas, entity: str, window: Window, classes: NDArray[np.uint8]) -> None:
+    corner = layout.corner_m(canvas.geometry, window)
+    patch = Patch(corner, canvas.geometry.resolution_m, classes)
+    canvas.add_for_now(entity, columns.patches, patch, NOTHING, classes.nbytes)
+
+
+def _draw_range(canvas: Canvas, beam: Beam) -> None:
+    """The nearest range; where nothing was seen, the plot has a gap."""
+    colour = canvas.colour(beam.sensor)
+    entity = layout.sensor_range(beam.sensor)
+    set_up = functools.partial(scene.set_up_sensor, name=beam.sensor, colour=colour)
+    canvas.prepare(entity, set_up)
+    nearest = float(beam.ranges_m[beam.saw_something].min(initial=np.inf))
+    canvas.add(entity, columns.scalars, nearest if np.isfinite(nearest) else np.nan)
+
+
+def _record(canvas: Canvas, beam: Beam) -> None:
+    """The same once more for the reader, exactly."""
+    base, sensor = beam.world_from_base, beam.world_from_sensor
+    numbers = {
+        "world_from_base": np.array([base.x_m, base.y_m, base.heading_rad]),
+        "world_from_sensor": np.array([sensor.x_m, sensor.y_m, sensor.heading_rad]),
+        "bearings_rad": np.asarray(beam.bearings_rad, np.float64),
+        "ranges_m": np.asarray(beam.ranges_m, np.float64),
+        "width_rad_reach_m": np.array([beam.beam_width_rad, beam.reach_m]),
+    }
+    record = BeamRecord(beam.sensor, beam.layer, numbers)
+    size = sum(array.nbytes for array in numbers.values())
+    canvas.add(layout.ROBOT, columns.beam_records, record, size)

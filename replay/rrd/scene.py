@@ -1,0 +1,132 @@
+"""What never changes in a recording: frames, styles, colour tables, names, the true walls.
+
+Logged once, without a time, when the grid and the layers are known. The viewer's plane has y down;
+one mirrored frame at the root of the map turns it up, so that everything below it is in metres of
+the map frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import rerun as rr
+
+from mapping.artifacts import Started
+from replay.rrd import layout
+from replay.rrd.columns import image_format
+from replay.rrd.layout import Colour, Tiling
+from replay.rrd.pictures import Named, percent_names, strength_names
+from replay.rrd.words import LEGEND
+
+_MARKDOWN = "text/markdown"
+
+SetUp = Callable[[rr.RecordingStream, str], None]
+
+
+def set_up(recording: rr.RecordingStream, started: Started, config_text: str) -> None:
+    """Everything that all layers share."""
+    y_up = [[1, 0, 0], [0, -1, 0], [0, 0, 1]]
+    _static(recording, layout.MAP, rr.Transform3D(mat3x3=y_up))
+    geometry = started.geometry
+    where = np.array([*geometry.origin_m, geometry.resolution_m], np.float64)
+    _static(recording, layout.GRID, rr.AnyValues(
+        where_m=where, shape=np.array(geometry.shape, np.int64), layers=list(started.layers),
+        walls_m=started.walls_m.astype(np.float64).ravel(),
+    ))  # fmt: skip
+    if len(started.walls_m):
+        walls = rr.LineStrips2D(
+            started.walls_m, colors=[layout.WALL], radii=-1.5, draw_order=layout.ORDER_WALLS
+        )
+        _static(recording, layout.WALLS, walls)
+    _static(recording, layout.PATH, rr.Points2D.from_fields(
+        colors=[layout.PATH_COLOUR], radii=[-1.5], draw_order=layout.ORDER_PATH
+    ))  # fmt: skip
+    _static(recording, layout.ROBOT, rr.Arrows2D.from_fields(
+        colors=[layout.ROBOT_COLOUR], radii=[-3.0], draw_order=layout.ORDER_ROBOT
+    ))  # fmt: skip
+    _static(recording, layout.EXPLANATION, rr.TextDocument.from_fields(media_type=_MARKDOWN))
+    _static(recording, layout.LEGEND, rr.TextDocument(LEGEND, media_type=_MARKDOWN))
+    _static(recording, layout.CONFIG, rr.TextDocument(config_text, media_type="text/plain"))
+
+
+def set_up_layer(recording: rr.RecordingStream, layer: str, colour: Colour) -> None:
+    """The styles of one layer's overlays and lines; its sensor's things are in ``colour``."""
+    for patch in (layout.temp(layer), layout.change(layer)):
+        _colour_table(recording, patch, strength_names())
+        _static(recording, patch, rr.SegmentationImage.from_fields(
+            opacity=0.999, draw_order=layout.ORDER_PATCH
+        ))  # fmt: skip
+    _colour_table(recording, layout.merged(layer), percent_names())
+    occupied = [(0, "", (0, 0, 0, 0)), (1, "above the threshold", layout.OCCUPIED)]
+    _colour_table(recording, layout.thresholded(layer), occupied)
+    _lines(recording, layout.beam(layer), colour, -1.5, layout.ORDER_BEAM)
+    for entity in (layout.points(layer), layout.raw_points(layer)):
+        _static(recording, entity, rr.Points2D.from_fields(
+            colors=[colour], radii=[-1.75], draw_order=layout.ORDER_POINTS
+        ))  # fmt: skip
+
+
+def set_up_tiles(
+    recording: rr.RecordingStream, root: str, tiling: Tiling, *, order: float, opaque: bool
+) -> None:
+    """Place and size of every tile below ``root``, so that its rows hold nothing but cells."""
+    geometry = tiling.geometry
+    style = rr.SegmentationImage.from_fields
+    for row, col in tiling:
+        window = tiling.window(row, col)
+        entity = layout.tile(root, row, col)
+        corner = [*layout.corner_m(geometry, window), 0.0]
+        place = rr.Transform3D(translation=corner, scale=geometry.resolution_m)
+        look = style(
+            format=image_format((window.rows, window.cols)),
+            opacity=1.0 if opaque else 0.999,
+            draw_order=order,
+        )
+        _static(recording, entity, place, look)
+
+
+def set_up_borders(recording: rr.RecordingStream, entity: str) -> None:
+    """The style of a group of borders."""
+    _lines(recording, entity, layout.BORDER, -1.0, layout.ORDER_BORDERS)
+
+
+def set_up_segments(recording: rr.RecordingStream, entity: str, *, raw: bool) -> None:
+    """The style of a group of segments, of raw points or of a grid."""
+    colour = layout.RAW_SEGMENT if raw else layout.SEGMENT
+    _lines(recording, entity, colour, -2.5, layout.ORDER_SEGMENTS)
+
+
+def set_up_extra(recording: rr.RecordingStream, entity: str, *, name: str) -> None:
+    """The name of a further array, as it was given."""
+    _static(recording, entity, rr.AnyValues(name=name))
+
+
+def set_up_sensor(recording: rr.RecordingStream, entity: str, *, name: str, colour: Colour) -> None:
+    """The name and colour of one sensor's line in the plot of ranges."""
+    _static(recording, entity, rr.SeriesLines(names=[name], colors=[colour], widths=[1.5]))
+    _static(recording, entity, rr.SeriesPoints(names=[name], colors=[colour], marker_sizes=[3]))
+
+
+def set_up_classes(recording: rr.RecordingStream, _: str, *, names: Sequence[str]) -> None:
+    """Names and colours of the class map."""
+    named = [(number, name, layout.class_colour(name, number)) for number, name in enumerate(names)]
+    _colour_table(recording, layout.CLASSES, named)
+    _static(recording, layout.CLASSES, rr.AnyValues(names=list(names)))
+
+
+def _colour_table(recording: rr.RecordingStream, entity: str, named: Sequence[Named]) -> None:
+    infos = [rr.AnnotationInfo(number, name, colour) for number, name, colour in named]
+    _static(recording, entity, rr.AnnotationContext(infos))
+
+
+def _lines(
+    recording: rr.RecordingStream, entity: str, colour: Colour, radius: float, order: float
+) -> None:
+    """A style of line strips; a negative radius is in points of the screen."""
+    style = rr.LineStrips2D.from_fields(colors=[colour], radii=[radius], draw_order=order)
+    _static(recording, entity, style)
+
+
+def _static(recording: rr.RecordingStream, entity: str, *what: rr.AsComponents) -> None:
+    recording.log(entity, *what, static=True, strict=True)

@@ -1,0 +1,128 @@
+"""The viewer in a browser of this machine: a server that keeps everything here.
+
+The viewer's own server hands out the page and the recording. Ours stands before the page and adds
+one header, by which the browser refuses to talk to anything but 127.0.0.1: no usage statistics, no
+fonts from elsewhere. Both end with the context.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import http.server
+import subprocess
+import threading
+import time
+import urllib.parse
+from http import HTTPStatus
+from pathlib import Path
+from types import TracebackType
+
+from recorder.errors import BadInput
+from replay.rrd.program import LOCAL, free_ports, is_listening, viewer_environment, viewer_program
+
+POLICY = (
+    "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; "
+    f"connect-src 'self' data: blob: http://{LOCAL}:*; worker-src 'self' blob:"
+)
+_START_S = 20.0
+
+
+class WebViewer:
+    """Serve one recording to a browser; ``url`` is the page. Use it as a context.
+
+    Raises BadInput when the server does not start.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        data_port, page_port = free_ports(2)
+        self._process = subprocess.Popen(
+            [str(viewer_program()), "--serve-web", "--bind", LOCAL, "--port", str(data_port),
+             "--web-viewer-port", str(page_port), "--cors-allow-origin", f"http://{LOCAL}:*",
+             str(path)],
+            env=viewer_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        try:
+            self._wait_for(data_port)
+            self._wait_for(page_port)
+            self._door = _Door((LOCAL, 0), page_port)
+        except BaseException:
+            self._end_process()
+            raise
+        threading.Thread(target=self._door.serve_forever, daemon=True).start()
+        source = urllib.parse.quote(f"rerun+http://{LOCAL}:{data_port}/proxy", safe="")
+        self.url = f"http://{LOCAL}:{self._door.server_port}/?url={source}"
+
+    def __enter__(self) -> WebViewer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.stop()
+
+    def wait(self) -> None:
+        """Serve until the viewer's server ends, or Ctrl-C."""
+        self._process.wait()
+
+    def stop(self) -> None:
+        """End both servers."""
+        self._door.shutdown()
+        self._door.server_close()
+        self._end_process()
+
+    def _end_process(self) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _wait_for(self, port: int) -> None:
+        end = time.monotonic() + _START_S
+        while not is_listening(port):
+            if self._process.poll() is not None or time.monotonic() > end:
+                raise BadInput("the viewer's web server did not start")
+            time.sleep(0.05)
+
+
+class _Door(http.server.ThreadingHTTPServer):
+    """Hands requests on to the viewer's page server."""
+
+    def __init__(self, address: tuple[str, int], page_port: int) -> None:
+        super().__init__(address, _Handler)
+        self.page_port = page_port
+
+
+class _Handler(http.server.BaseHTTPRequestHandler):
+    server: _Door
+
+    def do_GET(self) -> None:
+        """Fetch the same path from the page server, and add the policy."""
+        behind = http.client.HTTPConnection(LOCAL, self.server.page_port, timeout=30.0)
+        try:
+            behind.request("GET", self.path)
+            answer = behind.getresponse()
+            body = answer.read()
+        except (OSError, http.client.HTTPException):
+            self.send_error(HTTPStatus.BAD_GATEWAY)
+            return
+        finally:
+            behind.close()
+        self.send_response(answer.status)
+        for name in ("Content-Type", "rerun-final-length"):
+            if value := answer.getheader(name):
+                self.send_header(name, value)
+        self.send_header("Content-Length", str(len(body)))
+        self.send_header("Content-Security-Policy", POLICY)
+        self.end_headers()
+        with contextlib.suppress(ConnectionError):  # the browser went away
+            self.wfile.write(body)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Say nothing: every picture and font would be a line."""

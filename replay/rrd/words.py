@@ -1,0 +1,266 @@
+"""What a step did, in words with its numbers: short markdown for someone new to maps.
+
+One function for each artifact; :func:`describe` picks it. Lengths are in metres, angles in degrees
+counter-clockwise from the x axis.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mapping.artifacts import (
+    Artifact,
+    Border,
+    Classes,
+    Finished,
+    MergedGrid,
+    RawPoints,
+    Segment,
+    Snapshot,
+    Started,
+    TempGrid,
+    Thresholded,
+)
+from mapping.beams import Beam
+from mapping.grid import GridGeometry, Window
+from replay.rrd import layout
+
+LEGEND = """\
+**The map** (grey): white is free, black is occupied, blue-grey was never seen. Point at a cell to
+read its probability.
+
+**One reading** (over the map): red cells become fuller, blue cells emptier; the stronger the
+colour, the more the reading says.
+
+**Lines**: the sensor's colour is the beam and its obstacle points, teal the robot and its path,
+green the true walls where they are known. At the end of a run: yellow are cells above the
+threshold, orange their borders, magenta the straight lines fitted to them, violet those fitted to
+raw points.
+
+**Classes** (at the end): black where the sensors agree on occupied, white where they agree on
+empty, red where they contradict each other. One sensor alone: a full colour for occupied, a pale
+one for empty.
+
+**Keys**: the arrow keys go one step back or forward. The timeline `step` shows one thing at a
+time, `reading` a whole reading at once. The tab *What changed* shows how much each reading moved
+the map.
+"""
+
+
+def describe(artifact: Artifact) -> str:
+    """Markdown for one step. Raises TypeError for something that is no artifact."""
+    match artifact:
+        case Started():
+            return _started(artifact)
+        case Beam():
+            return _beam(artifact)
+        case TempGrid():
+            return _temp(artifact)
+        case MergedGrid():
+            return _merged(artifact)
+        case Snapshot():
+            return _snapshot(artifact)
+        case Thresholded():
+            return _thresholded(artifact)
+        case Classes():
+            return _classes(artifact)
+        case Border():
+            return _border(artifact)
+        case RawPoints():
+            return _raw_points(artifact)
+        case Segment():
+            return _segment(artifact)
+        case Finished():
+            return _finished(artifact)
+    raise TypeError(f"{type(artifact).__name__} is no artifact")
+
+
+def _started(started: Started) -> str:
+    geometry = started.geometry
+    width, height = geometry.size_m
+    seconds = (started.last_t_ns - started.first_t_ns) / 1e9
+    walls = len(started.walls_m)
+    known = f"The {walls} true walls are known and drawn in green." if walls else ""
+    return (
+        f"## The empty map\n\n{geometry.cols} × {geometry.rows} cells of "
+        f"{geometry.resolution_m:g} m: {width:.4g} m wide, {height:.4g} m high. Nothing has been "
+        f"seen yet.\n\nMaps to be made: **{', '.join(started.layers)}**, from readings over "
+        f"{seconds:.1f} s. {known}\n\nPress the **right arrow key** for the next step."
+    )
+
+
+def _beam(beam: Beam) -> str:
+    base, sensor = beam.world_from_base, beam.world_from_sensor
+    return (
+        f"## Reading {beam.number}: {beam.sensor} measures {_measured(beam)}\n\n"
+        f"The robot stands at ({base.x_m:.3f}, {base.y_m:.3f}) m and faces "
+        f"{math.degrees(base.heading_rad):.1f}°. The sensor sits at ({sensor.x_m:.3f}, "
+        f"{sensor.y_m:.3f}) m and looks along {math.degrees(sensor.heading_rad):.1f}°.\n\n"
+        f"{_what_it_means(beam)}"
+    )
+
+
+def _measured(beam: Beam) -> str:
+    seen = beam.ranges_m[beam.saw_something]
+    if len(beam.ranges_m) > 1:
+        nearest = f", the nearest at **{seen.min():.3f} m**" if len(seen) else ""
+        return f"{len(beam.ranges_m)} beams, {len(seen)} with an obstacle{nearest}"
+    return f"**{seen[0]:.3f} m**" if len(seen) else "**nothing** within its reach"
+
+
+def _what_it_means(beam: Beam) -> str:
+    width = math.degrees(beam.beam_width_rad)
+    if len(beam.ranges_m) > 1:
+        return "Each beam ends at an obstacle; what lies before it is free."
+    if not beam.saw_something[0]:
+        return f"No echo came back: nothing stands in the {width:.3g}° beam, as far as it reaches."
+    x, y = beam.points_m[0]
+    return (
+        f"The beam is {width:.3g}° wide, so the obstacle may be anywhere along the arc. Straight "
+        f"ahead it would be at ({x:.3f}, {y:.3f}) m: the dot."
+    )
+
+
+def _temp(temp: TempGrid) -> str:
+    if temp.window.empty or not (temp.band | temp.front).any():
+        return f"## Reading {temp.beam.number} says nothing\n\nIt touches no cell of the map."
+    lines = [f"## What reading {temp.beam.number} says of each cell\n"]
+    if temp.band.any():
+        band = temp.probability[temp.band]
+        lines.append(
+            f"- **Red, {temp.band.sum():,} cells**: the obstacle may be here. Probability of being "
+            f"occupied up to {_percent(band.max())}."
+        )
+    else:
+        lines.append("- No red cells: nothing was seen.")
+    if temp.front.any():
+        front = temp.probability[temp.front]
+        lines.append(
+            f"- **Blue, {temp.front.sum():,} cells**: the beam passed through them, so they are "
+            f"rather free. Probability down to {_percent(front.min())}."
+        )
+    lines.append("- All other cells: 50 %, this reading says nothing of them.")
+    return "\n".join(lines)
+
+
+def _merged(merged: MergedGrid) -> str:
+    head = f"## Reading {merged.beam.number} goes into the map {merged.layer}\n\n"
+    before, after = merged.previous, merged.probability
+    changed = after != before
+    rule = f"Rule: **{merged.rule}**."
+    if not changed.any():
+        return f"{head}{rule} No cell changed."
+    difference = np.where(changed, after - before, np.float32(0))
+    row, col = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
+    fuller, emptier = int((difference > 0).sum()), int((difference < 0).sum())
+    x, y = _centre(merged.geometry, merged.window, int(row), int(col))
+    return (
+        f"{head}{rule} **{int(changed.sum()):,} cells changed**: {fuller:,} fuller, "
+        f"{emptier:,} emptier.\n\nThe largest change: the cell at ({x:.3f}, {y:.3f}) m (row "
+        f"{row + merged.window.row0}, column {col + merged.window.col0}) went from "
+        f"{_percent(before[row, col])} to **{_percent(after[row, col])}**.\n\n"
+        f"Of the {after.size:,} cells around this beam, {int((after > 0.5).sum()):,} are now "
+        f"rather occupied and {int((after < 0.5).sum()):,} rather free."
+    )
+
+
+def _snapshot(snapshot: Snapshot) -> str:
+    layer = snapshot.layer
+    seen = layer.observed
+    p = layer.probability[seen]
+    when = "at the end" if snapshot.final else "so far"
+    share = seen.mean() if seen.size else 0.0
+    return (
+        f"## The map {layer.name} {when}\n\nRule: **{snapshot.rule}** (values: {layer.kind}). "
+        f"{_percent(share)} of the cells were seen.\n\nOf these, {int((p > 0.5).sum()):,} are "
+        f"rather occupied, {int((p < 0.5).sum()):,} rather free and {int((p == 0.5).sum()):,} "
+        f"undecided."
+    )
+
+
+def _thresholded(thresholded: Thresholded) -> str:
+    return (
+        f"## {thresholded.layer}: which cells count as occupied\n\nYellow: the "
+        f"**{int(thresholded.occupied.sum()):,} cells** whose probability lies above "
+        f"{_percent(thresholded.threshold)}."
+    )
+
+
+def _classes(classes: Classes) -> str:
+    counts = np.bincount(classes.codes.ravel(), minlength=len(classes.names))
+    rows = [
+        f"| {name} | {layout.class_colour_name(name, number)} | {count:,} |"
+        for number, (name, count) in enumerate(zip(classes.names, counts, strict=False))
+    ]
+    head = ["## Where the sensors agree\n", "| class | drawn in | cells |", "|---|---|---|"]
+    return "\n".join([*head, *rows])
+
+
+def _border(border: Border) -> str:
+    kind = (
+        "An outer border, traced counter-clockwise" if border.outer else "A hole, traced clockwise"
+    )
+    return (
+        f"## {border.layer}: border {border.number}\n\n{kind}: **{len(border.cells):,} cells** "
+        f"long (orange)."
+    )
+
+
+def _raw_points(points: RawPoints) -> str:
+    return (
+        f"## {points.layer}: all obstacle points\n\n**{len(points.points_m):,} points**: each "
+        f"reading taken as if its obstacle stood straight ahead."
+    )
+
+
+def _segment(segment: Segment) -> str:
+    (x0, y0), (x1, y1) = segment.start_m, segment.end_m
+    if segment.source == "raw":
+        origin = f"{segment.points} raw points (violet)"
+    else:
+        of = "" if segment.border is None else f" of border {segment.border}"
+        origin = f"{segment.points} points{of} (magenta)"
+    rho_sd, alpha_sd = np.sqrt(np.maximum(np.diag(segment.covariance), 0.0))
+    return (
+        f"## {segment.layer}: a straight line\n\nFrom ({x0:.3f}, {y0:.3f}) to ({x1:.3f}, {y1:.3f}) "
+        f"m, **{segment.length_m:.3f} m** long, fitted to {origin}, which lie "
+        f"{1000 * segment.rms_m:.1f} mm from it (rms).\n\nAs x cos α + y sin α = ρ: ρ = "
+        f"{segment.rho_m:.4f} ± {rho_sd:.4f} m, α = {math.degrees(segment.alpha_rad):.2f} ± "
+        f"{math.degrees(alpha_sd):.2f}°."
+    )
+
+
+def _finished(finished: Finished) -> str:
+    used = ", ".join(f"{name} {count:,}" for name, count in finished.used.items()) or "none"
+    dropped = [f"- {count:,} dropped: {reason}" for reason, count in finished.dropped.items()]
+    return "\n".join(
+        [f"## The end\n\n**{finished.readings:,} readings**; used: {used}.\n", *dropped]
+    )
+
+
+def _centre(geometry: GridGeometry, window: Window, row: int, col: int) -> tuple[float, float]:
+    cell = np.array([[row + window.row0, col + window.col0]], np.int64)
+    x, y = geometry.centres_of(cell)[0]
+    return float(x), float(y)
+
+
+def _percent(share: float) -> str:
+    """``0.558243`` → ``55.8 %``; near 0, ½ and 1, where it matters, with more digits."""
+    value = 100.0 * float(share)
+    distance = min(abs(value), abs(value - 50.0), abs(value - 100.0))
+    digits = 1 if distance >= 0.5 or distance == 0 else 3
+    return f"{value:.{digits}f} %"
+
+
+def layer_of(artifact: Artifact) -> str:
+    """The layer that an artifact belongs to; empty where it belongs to all."""
+    match artifact:
+        case Snapshot():
+            return artifact.layer.name
+        case TempGrid():
+            return artifact.beam.layer
+        case Beam() | MergedGrid() | Thresholded() | Border() | RawPoints() | Segment():
+            return artifact.layer
+    return ""

@@ -1,0 +1,83 @@
+"""Open a recording to look at it: in a window, in a browser, or as a picture in a file.
+
+Everything that is started listens on 127.0.0.1 only and sends no usage statistics.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+import webbrowser
+from collections.abc import Callable
+from pathlib import Path
+
+from recorder.errors import BadInput
+from replay.rrd.program import (
+    LOCAL,
+    free_ports,
+    has_display,
+    viewer_environment,
+    viewer_program,
+)
+
+NO_DISPLAY = "there is no display to open a window on; use --web to look at it in a browser"
+
+
+def open_viewer(
+    path: str | Path,
+    *,
+    web: bool = False,
+    announce: Callable[[str], None] | None = None,
+    browser: bool = True,
+) -> None:
+    """Show a recording.
+
+    In a window of its own, which stays when this program ends; or with ``web`` in a browser, until
+    Ctrl-C: ``announce`` is then called with the page's address, and ``browser`` says whether to
+    open it as well. Raises BadInput for a file that is not there, or no display for a window.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise BadInput(f"{path}: no such file")
+    if web:
+        _serve(path, announce, browser)
+        return
+    if not has_display():
+        raise BadInput(NO_DISPLAY)
+    port = free_ports(1)[0]
+    subprocess.Popen(
+        [str(viewer_program()), "--bind", LOCAL, "--port", str(port), str(path.resolve())],
+        env=viewer_environment(),
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=sys.platform != "win32",
+    )
+
+
+def screenshot(
+    path: str | Path, step: int, out_png: str | Path, view: str | None = None
+) -> list[str]:
+    """Draw one step of a recording into a PNG, without a window.
+
+    The whole window, or the view of that name. Returns what any view complained of. Raises BadInput
+    when there is no Vulkan driver, or no such view.
+    """
+    from replay.rrd.headless import HeadlessViewer
+
+    with HeadlessViewer(path) as viewer:
+        viewer.go_to(step)
+        viewer.screenshot(view).save(out_png)
+        return viewer.complaints
+
+
+def _serve(path: Path, announce: Callable[[str], None] | None, browser: bool) -> None:
+    from replay.rrd.web import WebViewer
+
+    with WebViewer(path) as viewer, contextlib.suppress(KeyboardInterrupt):
+        if announce is not None:
+            announce(viewer.url)
+        if browser:
+            webbrowser.open(viewer.url)
+        viewer.wait()

@@ -1,0 +1,197 @@
+"""What simulated sensors hear: against a slow twin, and against what real ones are known to do."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from naive_echoes import nearest_wall
+
+from recorder.geometry import SE2
+from recorder.messages import Radiation
+from recorder.simulator.echoes import cast, fan, range_reading, scan_reading
+from recorder.simulator.robot import RANGERS, Robot
+from recorder.simulator.rooms import ROOMS
+from recorder.simulator.walls import rectangle
+
+PING, DIRRS = RANGERS["ping"], RANGERS["dirrs"]
+ARENA = rectangle((0.0, 0.0), 2.0, 2.0)
+coordinates = st.floats(-5, 5).map(lambda x: round(x, 3))
+headings = st.floats(-math.pi, math.pi)
+
+
+def pings(walls_m, sensor, noise=1.0, count=2000, ranger=PING):
+    rng = np.random.default_rng(7)
+    return np.array([range_reading(walls_m, sensor, ranger, noise, rng) for _ in range(count)])
+
+
+@given(
+    hnp.arrays(np.float64, (6, 2, 2), elements=coordinates),
+    st.tuples(coordinates, coordinates),
+    st.lists(headings, min_size=1, max_size=6),
+)
+@settings(deadline=None, max_examples=150)
+def test_rays_meet_what_the_slow_twin_says(walls_m, origin, headings_rad):
+    walls_m = walls_m[np.linalg.norm(walls_m[:, 1] - walls_m[:, 0], axis=1) > 1e-3]
+    assume(len(walls_m))
+    hits = cast(walls_m, np.array(origin), np.array(headings_rad))
+    for k, heading_rad in enumerate(headings_rad):
+        distance_m, incidence_rad = nearest_wall(walls_m, origin, heading_rad)
+        grazes = min(
+            abs(math.sin(math.atan2(*(end - origin)[::-1]) - heading_rad))
+            for end in walls_m.reshape(-1, 2)
+        )
+        if grazes < 1e-6 or distance_m < 1e-6:
+            continue  # past the very end of a wall: rounding decides
+        assert hits.distance_m[k] == pytest.approx(distance_m, rel=1e-6)
+        if incidence_rad is not None:
+            assert hits.incidence_rad[k] == pytest.approx(incidence_rad, abs=1e-6)
+
+
+@given(coordinates, st.tuples(*[st.floats(-0.99, 0.99)] * 2), headings)
+@settings(deadline=None)
+def test_no_ray_leaves_a_closed_room_not_even_by_its_corners(turn_rad, origin, heading_rad):
+    walls_m = rectangle((0.0, 0.0), 2.0, 2.0)
+    corners_rad = np.arctan2(*(walls_m[:, 0] - origin).T[::-1])
+    hits = cast(walls_m, np.array(origin), np.array([heading_rad, *corners_rad]))
+    assert (hits.distance_m <= 2.0 * math.sqrt(2.0)).all()
+    assert ((hits.incidence_rad >= 0.0) & (hits.incidence_rad <= math.pi / 2)).all()
+
+
+def test_nothing_there():
+    hits = cast(ARENA, np.array([3.0, 0.0]), np.array([0.0, math.pi]))
+    assert hits.distance_m.tolist() == [math.inf, pytest.approx(2.0)]
+    along_a_wall = cast(np.array([[[1.0, 0.0], [2.0, 0.0]]]), np.zeros(2), np.zeros(1))
+    assert along_a_wall.distance_m[0] == math.inf
+
+
+def test_a_fan_covers_the_beam_and_its_axis():
+    across = fan(math.radians(38.0))
+    assert across[0] == pytest.approx(-math.radians(19.0))
+    assert across[len(across) // 2] == 0.0
+    assert np.diff(across).max() < math.radians(1.01)
+    np.testing.assert_allclose(across, -across[::-1])
+
+
+@pytest.mark.parametrize("ranger", [PING, DIRRS], ids=["ping", "dirrs"])
+@pytest.mark.parametrize("heading_rad", [0.0, 0.4, 0.79, 2.0, -3.0])
+def test_without_noise_a_reading_is_the_exact_distance_along_the_axis(ranger, heading_rad):
+    sensor = SE2(0.41, 0.52, heading_rad)
+    true_m, _ = nearest_wall(ARENA, (0.41, 0.52), heading_rad)
+    expected_m = true_m if true_m <= ranger.parameters.max_range_m else math.inf
+    readings_m = pings(ARENA, sensor, noise=0.0, count=5, ranger=ranger)
+    np.testing.assert_allclose(readings_m, expected_m, rtol=1e-12)
+
+
+def test_out_of_range_is_infinite():
+    far, near = SE2(-0.5, 0.0, 0.0), SE2(0.95, 0.0, 0.0)
+    assert set(pings(ARENA, far, noise=0.0, count=3, ranger=DIRRS)) == {math.inf}
+    assert set(pings(ARENA, near, noise=0.0, count=3, ranger=DIRRS)) == {-math.inf}
+    assert set(pings(ARENA, SE2(0.99, 0.0, 0.0), noise=0.0, count=3)) == {-math.inf}
+    assert set(pings(np.array([[[9.0, 0], [9, 1]]]), far, count=50)) == {math.inf}
+
+
+def test_a_wall_ahead_is_heard_with_the_faults_of_a_cheap_sonar():
+    """Square on, 0.8 m away: 1 % and 5 mm, with 2 % short and 8 % lost."""
+    readings_m = pings(ARENA, SE2(0.2, 0.0, 0.0))
+    lost = np.isinf(readings_m)
+    short = readings_m < 0.75
+    usual_m = readings_m[~lost & ~short]
+    assert 0.06 < lost.mean() < 0.10
+    assert 0.01 < short.mean() < 0.03
+    assert np.median(usual_m) == pytest.approx(0.8, abs=0.002)
+    assert usual_m.std() == pytest.approx(math.hypot(0.01 * 0.8, 0.005), rel=0.1)
+
+
+def test_a_cone_hears_what_stands_beside_its_axis():
+    """A post 15 degrees off the axis, with nothing else: heard, though the axis passes it by."""
+    c, s = 0.6 * math.cos(math.radians(15.0)), 0.6 * math.sin(math.radians(15.0))
+    post = rectangle((c, s), 0.06, 0.06, math.radians(15.0))
+    readings_m = pings(post, SE2(0.0, 0.0, 0.0), count=500)
+    assert (np.abs(readings_m - 0.57) < 0.05).mean() > 0.5
+    assert np.isinf(pings(post, SE2(0.0, 0.0, math.radians(-15.0)), count=500)).all()
+
+
+def test_a_slanted_wall_is_a_mirror():
+    """Met at 50 degrees it sends the sound on, to a wall that it meets square, and back."""
+    slant_rad = math.radians(90.0 - 50.0)
+    along = np.array([math.cos(slant_rad), math.sin(slant_rad)])
+    mirror = np.array([[-0.6 * along, 0.6 * along]])
+    sensor = SE2(-0.5, 0.0, 0.0)
+    on = np.array([math.cos(2 * slant_rad), math.sin(2 * slant_rad)])
+    square = np.array([[-on[1], on[0]], [on[1], -on[0]]])
+    behind = np.array([0.7 * on + square])
+    assert np.isinf(pings(mirror, sensor, count=300)).mean() > 0.9
+    both = pings(np.concatenate([mirror, behind]), sensor, count=300)
+    assert (np.abs(both - (0.5 + 0.7)) < 0.1).mean() > 0.5
+    infrared = pings(mirror, sensor, count=300, ranger=DIRRS)
+    assert np.median(infrared) == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_corner_sends_sound_back():
+    readings_m = pings(ARENA, SE2(0.3, 0.3, math.radians(45.0)), count=500)
+    corner_m = 0.7 * math.sqrt(2.0)
+    assert (np.abs(readings_m - corner_m) < 0.1).mean() > 0.5
+
+
+def test_a_whole_run_has_the_known_shares_of_bad_pings():
+    """About a third longer by more than 10 cm than the nearest surface, about a tenth lost."""
+    longer, lost, total = 0, 0, 0
+    for room in ROOMS.values():
+        robot = Robot(room, seed=3, sensors=("ping",))
+        rng = np.random.default_rng(5)
+        for k in range(0, 1200, 3):
+            pose = robot.world_from_base(k * 50_000_000) @ PING.mount
+            heard_m = range_reading(room.walls_m, pose, PING, 1.0, rng)
+            rays = cast(
+                room.walls_m,
+                np.array([pose.x_m, pose.y_m]),
+                pose.heading_rad + fan(PING.parameters.beam_width_rad),
+            )
+            lost += heard_m == math.inf
+            longer += math.isfinite(heard_m) and heard_m > rays.distance_m.min() + 0.1
+            total += 1
+    assert 0.25 < longer / total < 0.42
+    assert 0.07 < lost / total < 0.16
+
+
+def test_noise_scales_the_faults_and_not_the_number_of_draws():
+    sensor = SE2(0.5, 0.1, 0.3)
+    spread = [
+        np.std([r for r in pings(ARENA, sensor, noise, ranger=DIRRS) if math.isfinite(r)])
+        for noise in (0.0, 0.5, 1.0)
+    ]
+    assert spread[0] < 1e-12 < spread[1] < spread[2]
+    one, other = np.random.default_rng(1), np.random.default_rng(1)
+    range_reading(ARENA, sensor, PING, 0.0, one)
+    range_reading(ARENA, SE2(0.0, 0.0, 0.0), PING, 1.0, other)
+    assert one.random() == other.random()
+
+
+@pytest.mark.parametrize("noise", [0.0, 1.0])
+def test_a_scan_is_the_twin_s_with_a_centimetre_of_noise(noise):
+    pose, bearings_rad = SE2(0.3, -0.2, 0.5), np.radians(np.arange(-180.0, 180.0))
+    rng = np.random.default_rng(2)
+    ranges_m = scan_reading(ARENA, pose, bearings_rad, 0.05, 12.0, noise, rng)
+    true_m = np.array([nearest_wall(ARENA, (0.3, -0.2), 0.5 + b)[0] for b in bearings_rad])
+    error_m = ranges_m - true_m
+    if noise == 0.0:
+        assert np.abs(error_m).max() < 1e-9
+    else:
+        assert error_m.std() == pytest.approx(0.01, rel=0.15)
+        assert abs(error_m.mean()) < 0.003
+    short = scan_reading(ARENA, pose, bearings_rad, 0.75, 1.0, noise, rng)
+    assert set(np.sign(short[np.isinf(short)])) == {-1.0, 1.0}
+
+
+def test_the_rangers_are_the_known_ones():
+    assert (PING.parameters.radiation, DIRRS.parameters.radiation) == (
+        Radiation.ULTRASOUND,
+        Radiation.INFRARED,
+    )
+    assert math.degrees(PING.parameters.beam_width_rad) == pytest.approx(38.0)
+    assert (PING.mount.x_m, DIRRS.mount.x_m) == (0.044, -0.0312)

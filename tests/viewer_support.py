@@ -1,0 +1,136 @@
+"""The real viewer in tests: skipped where it cannot run, but never where CI=true.
+
+``Browser`` drives a headless Chromium through its debugging pipe (no further package needed).
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import fcntl
+import io
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from PIL import Image
+
+from recorder.errors import BadInput
+from replay.rrd.headless import HeadlessViewer
+
+NEEDS_CHROMIUM = "no Chromium: sudo apt install chromium"
+
+
+def on_ci() -> bool:
+    return os.environ.get("CI", "").lower() == "true"
+
+
+def not_here(reason: str) -> None:
+    """Skip with what to install; fail where everything must be there."""
+    if on_ci():
+        pytest.fail(reason)
+    pytest.skip(reason)
+
+
+def headless(path: Path, **options: Any) -> HeadlessViewer:
+    """The viewer with a recording open, or a skip."""
+    try:
+        return HeadlessViewer(path, **options)
+    except BadInput as error:
+        if "Vulkan" not in str(error):
+            raise
+        not_here(str(error))
+        raise
+
+
+class Browser:
+    """A headless Chromium showing one page."""
+
+    def __init__(self, url: str, size: tuple[int, int] = (1200, 800)) -> None:
+        program = shutil.which("chromium") or shutil.which("chromium-browser")
+        if program is None:
+            not_here(NEEDS_CHROMIUM)
+        low_in, self._out = os.pipe()
+        self._in, low_out = os.pipe()
+        to_it, from_it = (fcntl.fcntl(fd, fcntl.F_DUPFD, 10) for fd in (low_in, low_out))
+        os.close(low_in)
+        os.close(low_out)
+        self._profile = tempfile.TemporaryDirectory()
+
+        def as_files_3_and_4() -> None:
+            os.dup2(to_it, 3)
+            os.dup2(from_it, 4)
+
+        self._process = subprocess.Popen(
+            [str(program), "--headless=new", "--no-sandbox",
+             "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
+             "--remote-debugging-pipe", f"--user-data-dir={self._profile.name}",
+             f"--window-size={size[0]},{size[1]}", url],
+            preexec_fn=as_files_3_and_4, pass_fds=(3, 4),  # noqa: PLW1509 (no threads here)
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        os.close(to_it)
+        os.close(from_it)
+        self._number = 0
+        self._waiting = b""
+        self._session = self._attach()
+
+    def screenshot(self) -> Image.Image:
+        png = self._call("Page.captureScreenshot", format="png")["data"]
+        return Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB")
+
+    def requests_elsewhere(self) -> list[str]:
+        """What the page loaded from any machine but this one."""
+        script = "JSON.stringify(performance.getEntriesByType('resource').map(e => e.name))"
+        names = json.loads(self._call("Runtime.evaluate", expression=script)["result"]["value"])
+        return [name for name in names if "127.0.0.1" not in name and name.startswith("http")]
+
+    def close(self) -> None:
+        with contextlib.suppress(OSError):
+            self._call("Browser.close", session=False)
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        os.close(self._out)
+        os.close(self._in)
+        with contextlib.suppress(OSError):
+            self._profile.cleanup()
+
+    def _attach(self) -> str:
+        end = time.monotonic() + 20.0
+        while time.monotonic() < end:
+            targets = self._call("Target.getTargets", session=False)["targetInfos"]
+            pages = [target for target in targets if target["type"] == "page"]
+            if pages:
+                target = pages[0]["targetId"]
+                answer = self._call(
+                    "Target.attachToTarget", session=False, targetId=target, flatten=True
+                )
+                return str(answer["sessionId"])
+            time.sleep(0.1)
+        raise RuntimeError("Chromium opened no page")
+
+    def _call(self, method: str, *, session: bool = True, **params: Any) -> dict[str, Any]:
+        self._number += 1
+        message: dict[str, Any] = {"id": self._number, "method": method, "params": params}
+        if session:
+            message["sessionId"] = self._session
+        os.write(self._out, json.dumps(message).encode() + b"\0")
+        while True:
+            while b"\0" not in self._waiting:
+                got = os.read(self._in, 1 << 16)
+                if not got:
+                    raise OSError("Chromium went away")
+                self._waiting += got
+            raw, self._waiting = self._waiting.split(b"\0", 1)
+            answer = json.loads(raw)
+            if answer.get("id") == self._number:
+                return dict(answer.get("result", {}))
