@@ -78,7 +78,9 @@ class GridGeometry:
 
     def centres_of(self, cells: NDArray[np.int64]) -> FloatArray:
         """Cells ``(N, 2)`` as row, col → their centres ``(N, 2)`` as x, y in metres."""
-        return (np.asarray(cells)[..., ::-1] + 0.5) * self.resolution_m + np.array(self.origin_m)
+        inner_m = (np.asarray(cells)[..., ::-1] + 0.5) * self.resolution_m
+        centres_m: FloatArray = inner_m + np.array(self.origin_m)
+        return centres_m
 
     def contains(self, cells: NDArray[np.int64]) -> NDArray[np.bool_]:
         """Which of the cells ``(N, 2)`` lie inside the grid."""

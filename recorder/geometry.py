@@ -43,7 +43,9 @@ class SE2:
     def transform(self, points_m: NDArray[np.float64]) -> NDArray[np.float64]:
         """Points ``(N, 2)`` in frame B, metres → the same points in frame A."""
         c, s = math.cos(self.heading_rad), math.sin(self.heading_rad)
-        return points_m @ np.array([[c, s], [-s, c]]) + np.array([self.x_m, self.y_m])
+        turned_m = points_m @ np.array([[c, s], [-s, c]])
+        moved_m: NDArray[np.float64] = turned_m + np.array([self.x_m, self.y_m])
+        return moved_m
 
 
 IDENTITY = SE2(0.0, 0.0, 0.0)

@@ -1,0 +1,52 @@
+# Everything happens in an environment of its own. Another place: make test VENV=/somewhere/venv
+PYTHON ?= python3
+VENV ?= .venv
+BIN = $(VENV)/bin
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check unit lint format screenshot clean
+
+help: ## Say what there is to make
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
+
+demo: $(VENV)/.installed ## Install what is missing, then simulate, record, map and look
+	$(BIN)/echogrid demo
+
+test: check unit ## Check style and types, run all tests
+
+check: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+unit: $(VENV)/.installed-dev
+	$(BIN)/python -m pytest -n 2
+
+lint: check ## Check style, layout and types
+	$(BIN)/ruff format --check .
+
+format: $(VENV)/.installed-dev ## Lay out the code, mend what ruff can mend
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+screenshot: $(VENV)/.installed-dev ## Take the picture for the README again
+	$(BIN)/python docs/make_screenshot.py
+
+clean: ## Remove the environment and all caches
+	rm -rf "$(VENV)" build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	find recorder mapping replay tests benchmarks docs -name __pycache__ -prune -exec rm -rf {} +
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+		{ echo 'echogrid needs Python 3.11 or newer; name one: make PYTHON=python3.12' >&2; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || \
+		{ echo 'Python cannot make environments here: sudo apt install python3-venv' >&2; exit 1; }
+	$(PYTHON) -m venv "$(VENV)"
+
+# The order-only prerequisite: the time of the interpreter's file says nothing of what is installed.
+$(VENV)/.installed: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(VENV)/.installed-dev: pyproject.toml | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@ "$(VENV)/.installed"

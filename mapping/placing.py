@@ -1,0 +1,205 @@
+"""Readings + poses + mounts → beams in the map frame, and why the other readings were dropped."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mapping.beams import Beam
+from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
+from mapping.poses import FrameTree, Track, is_sane
+from recorder.errors import BadInput
+from recorder.geometry import SE2
+from recorder.messages import (
+    HEAD_FRAME,
+    Message,
+    Odometry,
+    Pose,
+    Radiation,
+    Range,
+    Scan,
+    Transform,
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Placed:
+    """All beams of a session in the order of its readings, its sensors, and what was left out."""
+
+    beams: tuple[Beam, ...]
+    sensors: dict[str, Sensor]
+    readings: int
+    used: dict[str, int]
+    dropped: dict[str, int]
+
+
+def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
+    """Pair each reading with the pose at its own time and put it into the map frame.
+
+    Raises BadInput, in one line, where the session has no readings or no poses.
+    """
+    kept = list(messages)
+    dropped: Counter[str] = Counter()
+    transforms = [m for m in kept if isinstance(m, Transform)]
+    frames = FrameTree.of(transforms, config.pose.max_gap_s)
+    readings = [m for m in kept if isinstance(m, Range | Scan)]
+    if not readings:
+        raise BadInput(f"no range readings in the session (found: {_found(kept)})")
+    track = _track(kept, config, dropped)
+    sensors = _sensors(readings, frames, config)
+    used: Counter[str] = Counter()
+    beams: list[Beam] = []
+    clocks_back = 0
+    last_ns = readings[0].t_ns
+    for reading in readings:
+        clocks_back += reading.t_ns < last_ns
+        last_ns = reading.t_ns
+        outcome = _place_one(len(beams), reading, sensors[reading.sensor], track, frames, config)
+        if isinstance(outcome, Beam):
+            beams.append(outcome)
+            used[reading.sensor] += 1
+        else:
+            dropped[outcome] += 1
+    if clocks_back:
+        dropped["clock stepped back (reading kept)"] = clocks_back
+    if not beams:
+        why = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
+        raise BadInput(f"not one reading can be mapped: {why} (found: {_found(kept)})")
+    return Placed(tuple(beams), sensors, len(readings), dict(used), dict(dropped))
+
+
+def _found(messages: list[Message]) -> str:
+    counts = Counter(type(m).__name__.lower() for m in messages)
+    return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing"
+
+
+def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]) -> Track:
+    if config.pose.fixed is not None:
+        x_m, y_m, heading_deg = config.pose.fixed
+        fixed = SE2(x_m, y_m, math.radians(heading_deg))
+        times = [m.t_ns for m in messages]
+        return Track([min(times), max(times)], [fixed, fixed], max(times) - min(times) + 1)
+    stamped = [(m.t_ns, m.world_from_base) for m in messages if isinstance(m, Pose)]
+    if not stamped or config.pose.topic == "/odom":
+        stamped = [(m.t_ns, m.odom_from_base) for m in messages if isinstance(m, Odometry)]
+    if not stamped:
+        raise BadInput(f"no poses in the session (found: {_found(messages)})")
+    sane = [(t_ns, pose) for t_ns, pose in stamped if is_sane(pose)]
+    if len(sane) < len(stamped):
+        dropped["pose not finite or too far"] = len(stamped) - len(sane)
+    return Track.of(sane, config.pose.max_gap_s)
+
+
+def _sensors(
+    readings: list[Range | Scan], frames: FrameTree, config: MappingConfig
+) -> dict[str, Sensor]:
+    first: dict[str, Range | Scan] = {}
+    for reading in readings:
+        first.setdefault(reading.sensor, reading)
+    settled = {
+        name: settle_sensor(_heard(reading), config, mounted=frames.parent_of(name) is not None)
+        for name, reading in first.items()
+    }
+    of_kind = Counter(sensor.kind for sensor in settled.values())
+    return {
+        name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
+        for name, s in settled.items()
+    }
+
+
+def _heard(reading: Range | Scan) -> Heard:
+    if isinstance(reading, Range):
+        return Heard(
+            reading.sensor, reading.radiation, reading.beam_width_rad,
+            reading.min_range_m, reading.max_range_m,
+        )  # fmt: skip
+    return Heard(
+        reading.sensor, Radiation.LASER, abs(reading.angle_increment_rad),
+        reading.min_range_m, reading.max_range_m,
+    )  # fmt: skip
+
+
+def _place_one(
+    number: int,
+    reading: Range | Scan,
+    sensor: Sensor,
+    track: Track,
+    frames: FrameTree,
+    config: MappingConfig,
+) -> Beam | str:
+    """The beam, or in words why there is none."""
+    ranges_m = _checked(reading, sensor)
+    if isinstance(ranges_m, str):
+        return ranges_m
+    pose = track.at(reading.t_ns)
+    if pose is None:
+        return "no pose at that time"
+    placed = _world_from_sensor(reading, sensor, pose, frames, config)
+    if placed is None:
+        return "no head angle at that time"
+    base, world_from_sensor = placed
+    bearings = (
+        np.zeros(1)
+        if isinstance(reading, Range)
+        else reading.angle_min_rad + reading.angle_increment_rad * np.arange(len(ranges_m))
+    )
+    bearings.flags.writeable = ranges_m.flags.writeable = False
+    return Beam(
+        number=number, t_ns=reading.t_ns, sensor=sensor.name, layer=sensor.layer,
+        world_from_base=base, world_from_sensor=world_from_sensor, bearings_rad=bearings,
+        ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad, reach_m=sensor.max_range_m,
+    )  # fmt: skip
+
+
+def _checked(reading: Range | Scan, sensor: Sensor) -> np.ndarray[tuple[int], np.dtype[np.float64]] | str:
+    """Ranges (N,), +Inf where nothing was seen; or why the reading cannot be used."""
+    if isinstance(reading, Scan):
+        ranges = np.array(reading.ranges_m, np.float64)
+        # A beam that is not usable says nothing; one past the limit saw nothing.
+        ranges[~(ranges >= max(sensor.min_range_m, 1e-9))] = np.nan
+        ranges[ranges >= sensor.max_range_m] = np.inf
+        if np.isnan(ranges).all():
+            return "no usable beam"
+        return ranges
+    d = reading.range_m
+    if math.isnan(d):
+        return "not a number"
+    if d == -math.inf:
+        return "too close"
+    if d <= 0:
+        return "zero or negative"
+    if d >= sensor.max_range_m:
+        d = math.inf
+    if d < sensor.min_range_m:
+        return "below the sensor's minimum"
+    if math.isinf(d) and sensor.no_echo == "skipped":
+        return "saw nothing (skipped)"
+    return np.array([d])
+
+
+def _world_from_sensor(
+    reading: Range | Scan, sensor: Sensor, pose: SE2, frames: FrameTree, config: MappingConfig
+) -> tuple[SE2, SE2] | None:
+    """(world_from_base, world_from_sensor); None where a turning frame has no angle then."""
+    base = pose
+    if config.pose.rides_on == "head" and HEAD_FRAME in frames.moving:
+        head = frames.base_from(HEAD_FRAME, reading.t_ns)
+        if head is None:
+            return None
+        # The tag turns with the head about the robot's centre: take the head's angle out again.
+        base = pose @ SE2(0.0, 0.0, head.heading_rad).inverse()
+    mount = sensor.mount
+    if mount is None:
+        mounted = frames.base_from(sensor.name, reading.t_ns)
+    elif frames.parent_of(sensor.name) in frames.moving:
+        head = frames.base_from(str(frames.parent_of(sensor.name)), reading.t_ns)
+        mounted = None if head is None else head @ mount
+    else:
+        mounted = mount
+    return None if mounted is None else (base, base @ mounted)
+
+
