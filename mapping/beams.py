@@ -48,9 +48,7 @@ class Beam:
         seen = self.saw_something
         heading, d = self.headings_rad[seen], self.ranges_m[seen]
         origin = self.world_from_sensor
-        return np.column_stack(
-            [origin.x_m + d * np.cos(heading), origin.y_m + d * np.sin(heading)]
-        )
+        return np.column_stack([origin.x_m + d * np.cos(heading), origin.y_m + d * np.sin(heading)])
 
     @property
     def spread_rad(self) -> tuple[float, float]:

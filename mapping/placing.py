@@ -155,7 +155,9 @@ def _place_one(
     )  # fmt: skip
 
 
-def _checked(reading: Range | Scan, sensor: Sensor) -> np.ndarray[tuple[int], np.dtype[np.float64]] | str:
+def _checked(
+    reading: Range | Scan, sensor: Sensor
+) -> np.ndarray[tuple[int], np.dtype[np.float64]] | str:
     """Ranges (N,), +Inf where nothing was seen; or why the reading cannot be used."""
     if isinstance(reading, Scan):
         ranges = np.array(reading.ranges_m, np.float64)
@@ -201,5 +203,3 @@ def _world_from_sensor(
     else:
         mounted = mount
     return None if mounted is None else (base, base @ mounted)
-
-

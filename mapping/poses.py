@@ -33,9 +33,7 @@ class Track:
     def of(cls, stamped: Iterable[tuple[int, SE2]], max_gap_s: float) -> Track:
         """Sorted by time; poses of one time keep their order."""
         ordered = sorted(stamped, key=lambda each: each[0])
-        return cls(
-            [t for t, _ in ordered], [p for _, p in ordered], round(max_gap_s * NS_PER_S)
-        )
+        return cls([t for t, _ in ordered], [p for _, p in ordered], round(max_gap_s * NS_PER_S))
 
     def at(self, t_ns: int) -> SE2 | None:
         """The pose at a time; None before the first, after the last, or in a longer gap."""

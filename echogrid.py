@@ -1,0 +1,58 @@
+"""echogrid: see, step by step, how a robot's range readings become a map.
+
+The face of the project: gathers the commands of the three packages, and the public names. Nothing
+heavy is imported here; each command imports what it needs when it runs.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+
+import click
+
+from mapping import cli as mapping_cli
+from recorder import cli as recorder_cli
+from replay import cli as replay_cli
+
+__version__ = "0.1.0"
+
+
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Begin with:  echogrid demo",
+)
+@click.version_option(__version__, prog_name="echogrid")
+def cli() -> None:
+    """See, step by step, how a robot's range readings become a map."""
+
+
+for _command in (*recorder_cli.COMMANDS, *mapping_cli.COMMANDS, *replay_cli.COMMANDS):
+    cli.add_command(_command)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line. 0: done; 1: differs or lost something; 2: bad input, in one line."""
+    from recorder.errors import EchogridError
+
+    try:
+        result = cli.main(
+            args=None if argv is None else list(argv), prog_name="echogrid", standalone_mode=False
+        )
+    except click.ClickException as error:
+        click.echo(f"echogrid: {' '.join(error.format_message().split())}", err=True)
+        return 2
+    except EchogridError as error:
+        click.echo(f"echogrid: {error}", err=True)
+        return 2
+    except (KeyboardInterrupt, click.Abort):
+        click.echo("echogrid: stopped", err=True)
+        return 1
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 1
+    return result if isinstance(result, int) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
