@@ -147,6 +147,8 @@ def _place_one(
         if isinstance(reading, Range)
         else reading.angle_min_rad + reading.angle_increment_rad * np.arange(len(ranges_m))
     )
+    usable = ~np.isnan(ranges_m)
+    bearings, ranges_m = bearings[usable], ranges_m[usable]
     bearings.flags.writeable = ranges_m.flags.writeable = False
     return Beam(
         number=number, t_ns=reading.t_ns, sensor=sensor.name, layer=sensor.layer,
@@ -158,7 +160,7 @@ def _place_one(
 def _checked(
     reading: Range | Scan, sensor: Sensor
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]] | str:
-    """Ranges (N,), +Inf where nothing was seen; or why the reading cannot be used."""
+    """Ranges (N,), +Inf: nothing seen, NaN: not usable; or why the whole reading is dropped."""
     if isinstance(reading, Scan):
         ranges = np.array(reading.ranges_m, np.float64)
         # A beam that is not usable says nothing; one past the limit saw nothing.

@@ -151,9 +151,7 @@ def _show_status(status: RecordingStatus) -> None:
 @click.option("--noise", type=click.FloatRange(0, 10), default=1.0, show_default=True)
 @click.option("--sensors", default="ping,dirrs", show_default=True, help="Also: lidar.")
 @click.option("--route", default="default", help='"x,y;x,y;..." in metres.')
-@click.option(
-    "--head-sweep", type=float, default=0.0, help="Degrees that the head turns, each way."
-)
+@click.option("--head-sweep", type=float, default=0.0, help="Degrees that the head turns.")
 @_force
 @_quiet
 def simulate(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -39,7 +40,7 @@ def _describe(records: list[Record]) -> str:
 
 
 def _gaps(times: list[int]) -> str:
-    steps = [b - a for a, b in zip(times, times[1:], strict=False)]
+    steps = [b - a for a, b in itertools.pairwise(times)]
     usual = sorted(steps)[len(steps) // 2]
     long = sum(step > _GAP_FACTOR * max(usual, 1) for step in steps)
     back = sum(step < 0 for step in steps)
