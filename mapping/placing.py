@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapping.beams import Beam
 from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
@@ -142,11 +143,7 @@ def _place_one(
     if placed is None:
         return "no head angle at that time"
     base, world_from_sensor = placed
-    bearings = (
-        np.zeros(1)
-        if isinstance(reading, Range)
-        else reading.angle_min_rad + reading.angle_increment_rad * np.arange(len(ranges_m))
-    )
+    bearings = _bearings(reading)
     usable = ~np.isnan(ranges_m)
     bearings, ranges_m = bearings[usable], ranges_m[usable]
     bearings.flags.writeable = ranges_m.flags.writeable = False
@@ -155,6 +152,14 @@ def _place_one(
         world_from_base=base, world_from_sensor=world_from_sensor, bearings_rad=bearings,
         ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad, reach_m=sensor.max_range_m,
     )  # fmt: skip
+
+
+def _bearings(reading: Range | Scan) -> NDArray[np.float64]:
+    """Direction of each axis relative to the sensor, (N,)."""
+    if isinstance(reading, Range):
+        return np.zeros(1)
+    steps = np.arange(len(reading.ranges_m), dtype=np.float64)
+    return np.asarray(reading.angle_min_rad + reading.angle_increment_rad * steps, np.float64)
 
 
 def _checked(

@@ -10,20 +10,14 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from recorder.messages import Message
-    from recorder.recording import RecordingCounters, RecordingStatus
+    from recorder.messages import Transform
+    from recorder.recording import RecordingStatus
+    from recorder.translation import RecordingCounters
 
 FILE = click.Path(path_type=Path)
 
 
-def _output(text: str) -> click.decorators.FC:
-    return click.option(  # type: ignore[return-value]
-        "-o", "--output", type=FILE, required=True, help=text
-    )
-
-
+_output = click.option("-o", "--output", type=FILE, required=True, help="The session to write.")
 _force = click.option("--force", is_flag=True, help="Replace the output where it exists.")
 _quiet = click.option("--quiet", is_flag=True, help="Say nothing but errors.")
 
@@ -32,7 +26,7 @@ _quiet = click.option("--quiet", is_flag=True, help="Say nothing but errors.")
     epilog="Example:  echogrid record /dev/ttyUSB0 -o run.mcap --tracker tcp://host:5005"
 )
 @click.argument("source")
-@_output("The session to write.")
+@_output
 @click.option("--protocol", default="echogrid", show_default=True, help="What the robot speaks.")
 @click.option("--baud", type=int, help="Speed of the line; default: the protocol's.")
 @click.option("--tracker", help="Poses as JSON lines: tcp://HOST:PORT or udp://HOST:PORT.")
@@ -61,7 +55,7 @@ def record(
     if output.exists() and not force:
         raise OutputExists(output)
     with ExitStack() as stack:
-        mounts: Iterable[Message] = ()
+        mounts: tuple[Transform, ...] = ()
         walls = None
         if source.startswith("sim:"):
             from recorder.simulator.room_files import room_to_geojson
@@ -71,7 +65,7 @@ def record(
             room = load_room(source.removeprefix("sim:"))
             robot = stack.enter_context(SerialRobot(room, seed=seed))
             source, tracker, tracker_px_per_m = str(robot.device), robot.tracker_url, None
-            mounts, walls = robot.mounts(), room_to_geojson(room)
+            mounts, walls = robot.mount_transforms(), room_to_geojson(room)
         counters = record_line(
             source, output, protocol=protocol, baud=baud, tracker=tracker,
             px_per_m=tracker_px_per_m, duration_s=duration, force=force, mounts=mounts,
@@ -95,7 +89,7 @@ def record_line(
     px_per_m: float | None = None,
     duration_s: float | None = None,
     force: bool = False,
-    mounts: Iterable[Message] = (),
+    mounts: tuple[Transform, ...] = (),
     walls: bytes | None = None,
     quiet: bool = False,
 ) -> RecordingCounters:
@@ -125,7 +119,7 @@ def record_line(
                 session.attach(WALLS, "application/geo+json", walls)
             return run(
                 link, session, protocol=decoder, clock=clock, stop=stop, tracker=poses,
-                duration_s=duration_s, mounts=list(mounts),  # type: ignore[arg-type]
+                duration_s=duration_s, mounts=mounts,
                 wheels=WHEELS if walls is not None else None,
                 on_status=None if quiet else _show_status,
             )  # fmt: skip
@@ -145,7 +139,7 @@ def _show_status(status: RecordingStatus) -> None:
 
 @click.command(epilog="Example:  echogrid simulate room -o run.mcap --duration 60 --seed 1")
 @click.argument("room")
-@_output("The session to write.")
+@_output
 @click.option("--duration", type=click.FloatRange(min=0.1), default=60.0, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
 @click.option("--noise", type=click.FloatRange(0, 10), default=1.0, show_default=True)
@@ -185,7 +179,7 @@ def simulate(
 
 @click.command("import", epilog="Example:  echogrid import trace21.trc -o t.mcap --format comp4807")
 @click.argument("files", nargs=-1, required=True, type=FILE)
-@_output("The session to write.")
+@_output
 @click.option("--format", "form", help="comp4807; guessed when left out.")
 @click.option("--rate", type=float, default=20.0, show_default=True, help="comp4807: readings/s.")
 @click.option("--start", type=float, default=0.0, show_default=True, help="comp4807: UNIX seconds.")

@@ -108,7 +108,7 @@ class SessionWriter:
     def sync(self) -> None:
         """Close the open chunk and see to it that the disk holds it."""
         with self._lock:
-            self._writer.flush()
+            self._writer.flush()  # type: ignore[no-untyped-call]
             self._file.flush()
             descriptor = os.dup(self._file.fileno())
         try:
@@ -125,7 +125,7 @@ class SessionWriter:
         self._syncer.join()
         with self._file:
             if self._failure is None:
-                self._writer.finish()
+                self._writer.finish()  # type: ignore[no-untyped-call]
                 self._file.flush()
                 os.fsync(self._file.fileno())
         if self._part != self._path:

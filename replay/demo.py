@@ -36,5 +36,5 @@ def record_demo(
     with SerialRobot(place, seed=seed, speed=speed) as robot:
         record_line(
             str(robot.device), session, tracker=robot.tracker_url, duration_s=duration_s,
-            mounts=list(robot.mounts()), walls=room_to_geojson(place), force=True, quiet=quiet,
+            mounts=robot.mount_transforms(), walls=room_to_geojson(place), force=True, quiet=quiet,
         )  # fmt: skip

@@ -68,7 +68,7 @@ def map_session(
                     name=path.name,
                     every=config.rerun.every,
                     budget_mb=config.rerun.budget_mb,
-                )  # fmt: skip
+                )
             )
             takers.append(writer)
         kept = _run(first, artifacts, takers, progress, len(session.records))

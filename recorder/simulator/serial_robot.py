@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from recorder.errors import BadInput, LinkError
 from recorder.geometry import SE2
-from recorder.messages import Pose, Scan
+from recorder.messages import Pose, Scan, Transform
 from recorder.odometry import COUNTER_RANGE
 from recorder.protocols.echogrid import DEVICE_MS_RANGE, PROTOCOL_VERSION, SEQ_RANGE, encode
 from recorder.protocols.reports import HelloReport, LogReport, Report, WheelReport
@@ -167,6 +167,13 @@ class SerialRobot:
     def mounts(self) -> dict[str, tuple[str, SE2]]:
         """The frame that carries each sensor, and where it sits there: the line does not say."""
         return self._robot.mounts()
+
+    def mount_transforms(self) -> tuple[Transform, ...]:
+        """The mounts as messages, for whoever records the line."""
+        return tuple(
+            Transform(0, parent, sensor, parent_from_sensor)
+            for sensor, (parent, parent_from_sensor) in self.mounts().items()
+        )
 
     def unplug(self) -> None:
         """Pull the plug: whoever reads sees the line hang up. The robot drives on, unheard."""
