@@ -1,7 +1,7 @@
 """Take the README's two pictures again: ``python docs/make_screenshot.py``.
 
 Simulates a robot, maps its session and lets the real viewer draw two steps without a window: a
-sonar reading over the half-built map, and the finished map with its borders and lines. Needs a
+sonar reading over the half-built map, and the finished maps with their borders and lines. Needs a
 Vulkan driver; ``sudo apt install mesa-vulkan-drivers`` brings one for the processor.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import tempfile
+import time
 from pathlib import Path
 
 from PIL import Image
@@ -19,13 +20,15 @@ from mapping.config import load_config
 from mapping.pipeline import build_maps
 from recorder.errors import EchogridError
 from recorder.session import read_session
-from replay.viewer import screenshot
+from replay.rrd.headless import HeadlessViewer
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 IMAGES = REPOSITORY / "docs" / "images"
 SETTING = "grid.resolution_m=0.02"
 SENSOR = "ping"
 WIDTH_PX = 1400
+MENU_PX = 36  # the viewer's own bar, of no interest here
+GREETING_S = 8.0  # the viewer covers a corner with a message at first
 MOST_BYTES = 400_000
 
 
@@ -37,11 +40,14 @@ def main() -> None:
         _echogrid("simulate", "room", "-o", str(session), "--duration", "60", "--seed", "1")
         _echogrid("map", str(session), "-o", str(rrd), "--set", SETTING)
         middle, last = _steps(session)
-        for name, step, view in (("demo.png", middle, None), ("lines.png", last, SENSOR)):
-            taken = Path(folder, name)
-            for complaint in screenshot(rrd, step, taken, view):
-                print(f"{name}: {complaint}", file=sys.stderr)
-            print(f"{name}: step {step}, {_save(taken, IMAGES / name)} bytes")
+        with HeadlessViewer(rrd) as viewer:
+            time.sleep(GREETING_S)
+            for name, step in (("demo.png", middle), ("lines.png", last)):
+                viewer.go_to(step)
+                size = _save(viewer.screenshot(), IMAGES / name)
+                print(f"{name}: step {step}, {size} bytes")
+            for complaint in viewer.complaints:
+                print(complaint, file=sys.stderr)
 
 
 def _echogrid(*arguments: str) -> None:
@@ -60,11 +66,11 @@ def _steps(session: Path) -> tuple[int, int]:
     return temps[len(temps) // 2], last
 
 
-def _save(taken: Path, target: Path) -> int:
-    """Scale to the README's width, keep few enough colours for a small file; its bytes."""
-    with Image.open(taken) as picture:
-        height = round(picture.height * WIDTH_PX / picture.width)
-        small = picture.convert("RGB").resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
+def _save(taken: Image.Image, target: Path) -> int:
+    """Cut off the menu, scale down, keep 256 colours for a small file; returns its bytes."""
+    window = taken.crop((0, MENU_PX, taken.width, taken.height))
+    height = round(window.height * WIDTH_PX / window.width)
+    small = window.resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
     small.quantize(256, dither=Image.Dither.NONE).save(target, optimize=True)
     size = target.stat().st_size
     if size > MOST_BYTES:

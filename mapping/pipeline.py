@@ -14,7 +14,7 @@ from mapping.artifacts import Artifact, Finished, RawPoints, Snapshot, Started
 from mapping.beams import Beam
 from mapping.borders import find_borders, threshold_layer
 from mapping.config import MappingConfig, Sensor
-from mapping.fusion import classify, fuse
+from mapping.fusion import FUSED, classify, fuse
 from mapping.grid import GridGeometry, Layer, check_size, geometry_for
 from mapping.placing import Placed, place
 from mapping.segments import reachable_cells, segments_from_grid, segments_from_points
@@ -83,6 +83,8 @@ def _started(
     placed: Placed, geometry: GridGeometry, walls_m: NDArray[np.float64] | None
 ) -> Started:
     layers = tuple(dict.fromkeys(sensor.layer for sensor in placed.sensors.values()))
+    if len(layers) > 1:
+        layers = (*layers, FUSED)
     walls = np.zeros((0, 2, 2)) if walls_m is None else walls_m
     times = [beam.t_ns for beam in placed.beams]
     return Started(geometry, layers, walls, min(times), max(times))

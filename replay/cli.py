@@ -94,7 +94,7 @@ def _map_and_tell(
     from replay.mapping_run import map_session
 
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=quiet) as bar:
+    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
         task = bar.add_task(f"mapping {session.name}", total=None)
         result = map_session(
             session, config, rrd=rrd, export=export, force=force,

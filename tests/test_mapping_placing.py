@@ -25,7 +25,10 @@ def reading(t_ns: int, range_m: float = 0.5, sensor: str = "ping") -> Range:
     return Range(t_ns, sensor, range_m, math.radians(38), 0.02, 4.0, Radiation.ULTRASOUND)
 
 
-def still(*t_ns: int, pose: SE2 = SE2(1.0, 1.0, 0.0)) -> list[Message]:
+HERE = SE2(1.0, 1.0, 0.0)
+
+
+def still(*t_ns: int, pose: SE2 = HERE) -> list[Message]:
     return [Pose(t, pose) for t in t_ns]
 
 

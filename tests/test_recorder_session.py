@@ -1,0 +1,236 @@
+"""Sessions: what is written is read, and a damaged file never gives a wrong reading."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import ROOT
+from rosbags.highlevel import AnyReader
+
+from recorder.errors import BadInput, OutputExists
+from recorder.geometry import SE2
+from recorder.messages import (
+    Diagnostics,
+    Message,
+    Odometry,
+    Pose,
+    Radiation,
+    Range,
+    RawLine,
+    Record,
+    Scan,
+    Transform,
+    topic_of,
+)
+from recorder.session import Session, SessionWriter, read_session
+
+T_NS = 1_700_000_000_123_456_789
+METADATA = {"seed": 3, "noise": 0.5, "name": "Ω room", "nested": {"a": [1, 2]}}
+WALLS = b'{"walls": [[0, 0], [1, 0]]}'
+
+
+def reading(t_ns: int, range_m: float) -> Range:
+    return Range(t_ns, "ping", range_m, 0.663, 0.02, 3.3, Radiation.ULTRASOUND)
+
+
+MESSAGES: list[Message] = [
+    Pose(T_NS, SE2(1.25, -2.5, 0.75)),
+    Odometry(T_NS + 1, SE2(-0.1, 0.2, -3.0)),
+    reading(T_NS + 2, 1.2345),
+    reading(T_NS + 3, math.inf),
+    reading(T_NS + 4, -math.inf),
+    Range(T_NS + 5, "dirrs", 0.456, 0.1, 0.1, 0.8, Radiation.INFRARED),
+    Scan(T_NS + 6, "lidar", np.array([0.5, math.inf, 2.25, 3.1]), -1.57, 0.5, 0.1, 12.0),
+    Transform(T_NS + 7, "base_link", "ping", SE2(0.044, 0.01, 0.5), static=True),
+    Transform(T_NS + 8, "base_link", "head", SE2(0.0, 0.0, -1.0), static=False),
+    RawLine(T_NS + 9, "R,ping,123*4F\xff\x01"),
+    Diagnostics(T_NS + 10, "recorder", {"written": "12", "gaps": "0"}),
+]
+
+
+def write(path: Path, messages: Iterable[Message], *, sync_every: int = 0) -> Path:
+    with SessionWriter(path, metadata=METADATA) as session:
+        session.attach("truth.geojson", "application/geo+json", WALLS)
+        for number, message in enumerate(messages):
+            session.write(message, log_ns=message.t_ns + 1000)
+            if sync_every and number % sync_every == sync_every - 1:
+                session.sync()
+    return path
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Session]:
+    """A session of several chunks: its bytes, and what an undamaged read gives."""
+    messages: list[Message] = []
+    for i in range(40):
+        t_ns = T_NS + i * 50_000_000
+        messages += [Pose(t_ns, SE2(0.01 * i, 1.0, 0.02 * i)), reading(t_ns, 0.5 + 0.01 * i)]
+    path = write(tmp_path_factory.mktemp("small") / "s.mcap", messages, sync_every=16)
+    session = read_session(path)
+    assert len(session.records) == 80
+    assert session.damage == ()
+    return path.read_bytes(), session
+
+
+def assert_same(found: Message, written: Message) -> None:
+    assert type(found) is type(written)
+    assert found.t_ns == written.t_ns
+    for name in written.__dataclass_fields__:
+        a, b = getattr(found, name), getattr(written, name)
+        if isinstance(b, SE2):
+            a, b = (a.x_m, a.y_m, a.heading_rad), (b.x_m, b.y_m, b.heading_rad)
+            assert a == pytest.approx(b, abs=1e-12), name
+        elif isinstance(b, np.ndarray):
+            np.testing.assert_allclose(a, b, rtol=1e-6)
+        elif isinstance(b, float):
+            assert a == pytest.approx(b, rel=1e-6), name
+        else:
+            assert a == b, name
+
+
+def test_every_kind_of_message_comes_back(tmp_path: Path) -> None:
+    session = read_session(write(tmp_path / "all.mcap", MESSAGES))
+    assert session.damage == ()
+    assert len(session.records) == len(MESSAGES)
+    for record, message in zip(session.records, MESSAGES, strict=True):
+        assert record.topic == topic_of(message)
+        assert record.log_ns == message.t_ns + 1000
+        assert_same(record.message, message)
+    assert {type(m) for m in MESSAGES} == {
+        Pose, Odometry, Range, Scan, Transform, RawLine, Diagnostics,
+    }  # fmt: skip
+
+
+def test_metadata_and_attachment_come_back(tmp_path: Path) -> None:
+    session = read_session(write(tmp_path / "all.mcap", MESSAGES))
+    assert session.metadata == METADATA
+    assert session.attachments == {"truth.geojson": WALLS}
+
+
+def test_an_existing_file_is_kept_unless_forced(tmp_path: Path) -> None:
+    path = tmp_path / "here.mcap"
+    path.write_bytes(b"precious")
+    with pytest.raises(OutputExists, match="exists already"):
+        SessionWriter(path)
+    assert path.read_bytes() == b"precious"
+    with SessionWriter(path, force=True) as session:
+        session.write(MESSAGES[0], log_ns=T_NS)
+    assert len(read_session(path).records) == 1
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_writer_that_fails_leaves_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "failed.mcap"
+    broken = (1 // i for i in (0,))
+    with pytest.raises(ZeroDivisionError):
+        write(path, broken)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_ros_tools_open_it(tmp_path: Path) -> None:
+    path = write(tmp_path / "all.mcap", MESSAGES)
+    with AnyReader([path]) as reader:
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        ranges = [
+            reader.deserialize(data, c.msgtype).range
+            for c, _, data in reader.messages()
+            if c.topic == "/range/ping"
+        ]
+    assert counts == dict(Counter(topic_of(m) for m in MESSAGES))
+    assert ranges == pytest.approx([1.2345, math.inf, -math.inf])
+
+
+def _lengths(size: int) -> list[int]:
+    return sorted({*range(60), *np.linspace(60, size - 1, 90).astype(int).tolist()})
+
+
+def test_truncated_anywhere_gives_a_prefix(tmp_path: Path, small: tuple[bytes, Session]) -> None:
+    data, whole = small
+    path, kept = tmp_path / "cut.mcap", set()
+    for length in _lengths(len(data)):
+        path.write_bytes(data[:length])
+        try:
+            session = read_session(path)
+        except BadInput:
+            kept.add(-1)
+            continue
+        assert session.records == whole.records[: len(session.records)], length
+        assert session.damage or len(session.records) == len(whole.records), length
+        kept.add(len(session.records))
+    assert {-1, 0, 16, 80} <= kept  # refused, nothing whole, a chunk, all of it
+
+
+def _subsequence(part: tuple[Record, ...], whole: tuple[Record, ...]) -> bool:
+    rest = iter(whole)
+    return all(record in rest for record in part)
+
+
+def test_a_flipped_bit_never_gives_a_wrong_reading(
+    tmp_path: Path, small: tuple[bytes, Session]
+) -> None:
+    data, whole = small
+    path, told = tmp_path / "flip.mcap", 0
+    for number, position in enumerate(np.linspace(0, len(data) - 1, 150).astype(int)):
+        flipped = bytearray(data)
+        flipped[position] ^= 1 << number % 8
+        path.write_bytes(flipped)
+        try:
+            session = read_session(path)
+        except BadInput:
+            told += 1
+            continue
+        told += bool(session.damage)
+        assert _subsequence(session.records, whole.records), position
+        lost = len(session.records) < len(whole.records)
+        assert session.damage or not lost, f"lost without a word at {position}"
+        assert session.metadata in (METADATA, {}), position
+    assert told > 20
+
+
+def test_a_killed_recording_is_read_up_to_its_last_sync(tmp_path: Path) -> None:
+    path = tmp_path / "killed.mcap"
+    program = textwrap.dedent("""
+        import sys, time
+        from pathlib import Path
+        from recorder.geometry import SE2
+        from recorder.messages import Pose
+        from recorder.session import SessionWriter
+        session = SessionWriter(Path(sys.argv[1]), live=True)
+        for i in range(30):
+            session.write(Pose(i, SE2(i, 0, 0)), log_ns=i)
+        session.sync()
+        print("synced", flush=True)
+        sys.stdin.read()
+    """)
+    child = subprocess.Popen(
+        [sys.executable, "-c", program, str(path)],
+        stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    with child:
+        assert child.stdout is not None
+        assert child.stdout.readline() == "synced\n"
+        child.send_signal(signal.SIGKILL)
+    session = read_session(path)
+    assert [m.t_ns for m in session.messages()] == list(range(30))
+    assert session.damage
+
+
+@pytest.mark.parametrize("content", [b"", b"nonsense\n" * 50, b"\x89MCAP0\r\n", bytes(4096)])
+def test_what_is_no_session_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "no.mcap"
+    path.write_bytes(content)
+    with pytest.raises(BadInput) as caught:
+        read_session(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
