@@ -33,6 +33,7 @@ from recorder.ros_types import Decoder, encode, type_name
 
 LIBRARY = "echogrid"
 METADATA = "echogrid"
+ATTACHED = "echogrid.attachment"
 WALLS = "truth.geojson"
 _CHUNK_BYTES = 256 * 1024
 _SYNC_PERIOD_S = 1.0
@@ -103,6 +104,8 @@ class SessionWriter:
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file in the session: the true walls of a simulated room, say."""
         with self._lock:
+            # MCAP readers skip an attachment's own checksum: it gets one that ours checks.
+            self._writer.add_metadata(ATTACHED, {"name": name, "crc32": _crc(data)})
             self._writer.add_attachment(0, 0, name, media_type, data)
 
     def sync(self) -> None:
@@ -164,8 +167,7 @@ class SessionWriter:
     def _add_metadata(self, metadata: Mapping[str, object]) -> None:
         # MCAP readers do not check the checksums of metadata: it carries one of its own.
         text = json.dumps(metadata, sort_keys=True)
-        crc = f"{zlib.crc32(text.encode()):08X}"
-        self._writer.add_metadata(METADATA, {"json": text, "crc32": crc})
+        self._writer.add_metadata(METADATA, {"json": text, "crc32": _crc(text.encode())})
 
     def _sync_each_second(self) -> None:
         while not self._stop.wait(_SYNC_PERIOD_S):
@@ -225,6 +227,7 @@ class _Reading:
         self._records: list[Record] = []
         self._metadata: dict[str, object] = {}
         self._attachments: dict[str, bytes] = {}
+        self._checksums: dict[str, str] = {}
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._decoders: dict[int, Decoder | None] = {}
@@ -233,7 +236,9 @@ class _Reading:
         if self._size == 0:
             raise BadInput(f"{self._path}: an empty file, not a session")
         # A record longer than the file is nonsense, not a reason to ask for the memory.
-        reader = StreamReader(file, emit_chunks=True, record_size_limit=self._size)
+        reader = StreamReader(
+            file, emit_chunks=True, record_size_limit=self._size, validate_crcs=True
+        )
         try:
             for record in reader.records:
                 self._take(record)
@@ -264,8 +269,13 @@ class _Reading:
                 self._take_message(record)
             case Metadata() if record.name == METADATA:
                 self._take_metadata(record)
+            case Metadata() if record.name == ATTACHED:
+                self._checksums[record.metadata.get("name", "")] = record.metadata.get("crc32", "")
             case Attachment():
-                self._attachments[record.name] = record.data
+                if self._checksums.get(record.name) == _crc(record.data):
+                    self._attachments[record.name] = record.data
+                else:
+                    self._damage.note(f"attachment {record.name!r} is damaged and was left out")
 
     def _take_message(self, message: McapMessage) -> None:
         channel = self._channels.get(message.channel_id)
@@ -297,10 +307,14 @@ class _Reading:
 
     def _take_metadata(self, record: Metadata) -> None:
         text = record.metadata.get("json", "")
-        if f"{zlib.crc32(text.encode()):08X}" != record.metadata.get("crc32"):
+        if _crc(text.encode()) != record.metadata.get("crc32"):
             self._damage.note("the session's metadata is damaged and was left out")
             return
         self._metadata = dict(json.loads(text))
+
+
+def _crc(data: bytes) -> str:
+    return f"{zlib.crc32(data):08X}"
 
 
 def _why(error: BaseException) -> str:

@@ -234,3 +234,25 @@ def test_what_is_no_session_is_refused_in_one_line(tmp_path: Path, content: byte
         read_session(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_flip_in_an_attachment_or_a_name_is_never_silent(tmp_path: Path) -> None:
+    """The format's readers skip these checksums; ours notices any bit of the data section."""
+    path = tmp_path / "s.mcap"
+    with SessionWriter(path, metadata={"a": 1}) as writer:
+        writer.attach("truth.geojson", "application/geo+json", b"walls" * 8)
+        writer.write(Pose(1, SE2(1.0, 2.0, 0.5)), log_ns=1)
+    good, data = read_session(path), path.read_bytes()
+    for position in range(8, data.index(b"walls") + 40):
+        broken = bytearray(data)
+        broken[position] ^= 1 << (position % 8)
+        path.write_bytes(broken)
+        try:
+            session = read_session(path)
+        except BadInput:
+            continue
+        for name, content in session.attachments.items():
+            assert good.attachments[name] == content
+        whole = session.records == good.records and session.metadata == good.metadata
+        attached = session.attachments == good.attachments
+        assert (whole and attached) or session.damage, position
