@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import shutil
 import subprocess
@@ -76,7 +77,9 @@ def test_every_fault_is_explained() -> None:
 def test_the_c_code_gives_the_same_checksum(tmp_path: Path) -> None:
     compiler = shutil.which("cc")
     if compiler is None:
-        pytest.skip("no C compiler here")
+        if os.environ.get("CI") == "true":
+            pytest.fail("no C compiler: apt install gcc")
+        pytest.skip("no C compiler: apt install gcc")
     bodies = ["123456789", "RNG,2,60,ping,523", "LOG,1,12,boot, battery 7.4 V", ""]
     main = "#include <stdio.h>\nint main(int n, char **body)\n{\n    for (int i = 1; i < n; i++)\n"
     main += '        printf("%08lX\\n", (unsigned long)crc32(body[i]));\n    return 0;\n}\n'
