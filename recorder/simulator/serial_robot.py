@@ -234,10 +234,10 @@ class SerialRobot:
 
     def _transmit(self, report: Report, t_ns: int) -> None:
         line = self._firmware.line(report, t_ns)
+        self._sent += 1  # before the write: whoever has read a line finds it counted
         with self._plug:
             heard = False
             if self._terminal is not None:
                 heard = self._terminal.write(line, time.monotonic_ns())
                 self._terminal.discard_input()
-        self._sent += 1
         self._losses += not heard
