@@ -27,7 +27,7 @@ def record_demo(
     session: Path, *, room: str, duration_s: float, seed: int, speed: float, quiet: bool
 ) -> None:
     """Record the simulated robot over a pseudo-terminal, its poses over TCP."""
-    from recorder.cli import record_line
+    from recorder.cli.record import record_line
     from recorder.simulator.room_files import room_to_geojson
     from recorder.simulator.rooms import load_room
     from recorder.simulator.serial_robot import SerialRobot

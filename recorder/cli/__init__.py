@@ -1,0 +1,8 @@
+"""The commands that need a robot or a session alone."""
+
+from recorder.cli.import_ import import_
+from recorder.cli.info import info
+from recorder.cli.record import record
+from recorder.cli.simulate import simulate
+
+COMMANDS = (record, simulate, import_, info)

@@ -1,0 +1,46 @@
+"""``import``: other people's logs into a session."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from recorder.cli import options
+
+
+@click.command("import", epilog="Example:  echogrid import trace21.trc -o t.mcap --format comp4807")
+@click.argument("files", nargs=-1, required=True, type=options.FILE)
+@options.output_session
+@click.option("--format", "form", help="comp4807; guessed when left out.")
+@click.option("--rate", type=float, default=20.0, show_default=True, help="comp4807: readings/s.")
+@click.option("--start", type=float, default=0.0, show_default=True, help="comp4807: UNIX seconds.")
+@click.option("--columns", help="comp4807: sensors in the order of the columns, ping,dirrs say.")
+@options.force
+@options.quiet
+def import_(
+    files: tuple[Path, ...], output: Path, form: str | None, rate: float, start: float,
+    columns: str | None, force: bool, quiet: bool,
+) -> int:  # fmt: skip
+    """Turn other people's logs into a session."""
+    from recorder.errors import BadInput, OutputExists
+    from recorder.importers import IMPORTERS, guess_format
+    from recorder.session import SessionWriter
+
+    if output.exists() and not force:
+        raise OutputExists(output)
+    if len(files) > 1:
+        raise BadInput("one file at a time for this format")
+    name = form or guess_format(files[0])
+    if name not in IMPORTERS:
+        raise BadInput(f"unknown format {name!r} (known: {', '.join(IMPORTERS)})")
+    order = None if columns is None else tuple(c.strip() for c in columns.split(","))
+    found = IMPORTERS[name](files[0], rate_hz=rate, start_s=start, columns=order)
+    metadata = {**found.metadata, "dropped": dict(found.dropped), "file": files[0].name}
+    with SessionWriter(output, metadata=metadata, force=force) as session:
+        for log_ns, message in found.records:
+            session.write(message, log_ns=log_ns)
+    if not quiet:
+        dropped = ", ".join(f"{n} {why}" for why, n in found.dropped.items()) or "nothing"
+        click.echo(f"{output}: {len(found.records)} messages; dropped: {dropped}")
+    return 0

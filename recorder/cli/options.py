@@ -1,0 +1,15 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+FILE = click.Path(path_type=Path)
+
+output_session = click.option(
+    "-o", "--output", type=FILE, required=True, help="The session to write."
+)
+force = click.option("--force", is_flag=True, help="Replace the output where it exists.")
+quiet = click.option("--quiet", is_flag=True, help="Say nothing but errors.")

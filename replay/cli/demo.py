@@ -1,0 +1,46 @@
+"""``demo``: the main job on a fresh machine."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import click
+
+from recorder.cli import options
+from replay.cli.telling import map_and_tell
+
+_SPEED = 4.0  # the demo's robot hurries, so that it has seen its room after some seconds
+
+
+@click.command(epilog="Example:  echogrid demo --duration 20")
+@click.option(
+    "-o", "--output", type=options.FILE, help="Folder; default ./echogrid-demo, numbered."
+)
+@click.option("--room", default="room", show_default=True)
+@click.option("--duration", type=click.FloatRange(min=1), default=15.0, show_default=True)
+@click.option("--seed", type=int, default=1, show_default=True)
+@click.option("--no-view", is_flag=True, help="Do not open the viewer.")
+@click.option("--force", is_flag=True, help="Write into a folder that is not empty.")
+@click.option("--quiet", is_flag=True, help="Say nothing but errors.")
+def demo(
+    output: Path | None, room: str, duration: float, seed: int, no_view: bool, force: bool,
+    quiet: bool,
+) -> int:  # fmt: skip
+    """The main job: a simulated robot on a real serial line, recorded, mapped and shown."""
+    from mapping.config import load_config
+    from replay.demo import demo_folder, record_demo
+
+    folder = demo_folder(output, force=force)
+    session, rrd = folder / "demo.mcap", folder / "demo.rrd"
+    if not quiet:
+        click.echo(f"recording {duration:.0f} s from a serial line into {session}", err=True)
+    record_demo(session, room=room, duration_s=duration, seed=seed, speed=_SPEED, quiet=quiet)
+    status = map_and_tell(session, load_config(), rrd, None, force=True, quiet=quiet)
+    if not quiet:
+        click.echo(f"look:  echogrid view {rrd}    (in a browser: --web)")
+    if not no_view and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        from replay.viewer import open_viewer
+
+        open_viewer(rrd)
+    return status
