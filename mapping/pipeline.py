@@ -38,7 +38,7 @@ def build_maps(
     """
     placed = place(messages, config)
     geometry = geometry_of(placed, config)
-    yield _started(placed, geometry, walls_m)
+    yield started_run(placed, geometry, walls_m)
     maps = {sensor.layer: start(sensor.update, geometry) for sensor in placed.sensors.values()}
     every = config.rerun.stages_every
     for beam in placed.beams:
@@ -47,16 +47,16 @@ def build_maps(
         yield temp
         yield maps[beam.layer].merge(temp)
         if every and (beam.number + 1) % every == 0 and beam.number + 1 < len(placed.beams):
-            yield from _stages(placed, maps, config, final=False)
-    yield from _stages(placed, maps, config, final=True)
-    yield from _raw_lines(placed, config)
+            yield from result_stages(placed, maps, config, final=False)
+    yield from result_stages(placed, maps, config, final=True)
+    yield from raw_lines(placed, config)
     yield Finished(placed.readings, placed.used, placed.dropped)
 
 
 def geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:
     """The configured grid, or the one that holds every beam and a margin."""
     section = config.grid
-    boxes = [beam.bounds_m(_stretch(placed.sensors[beam.sensor])) for beam in placed.beams]
+    boxes = [beam_box_m(beam, placed.sensors[beam.sensor]) for beam in placed.beams]
     low = np.min([box[0] for box in boxes], axis=0)
     high = np.max([box[1] for box in boxes], axis=0)
     fitted_low = low if section.origin_m is None else np.array(section.origin_m)
@@ -74,14 +74,17 @@ def geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:
     return GridGeometry(corner, resolution, rows, cols)
 
 
-def _stretch(sensor: Sensor) -> float:
-    """How far past its range a reading's band reaches, relative."""
-    return 1.0 + (sensor.behind if sensor.model == "fading" else sensor.range_error)
+def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The corners (low, high) of a box around all that a reading can touch, metres."""
+    # how far past its range a reading's band reaches, relative
+    stretch = 1.0 + (sensor.behind if sensor.model == "fading" else sensor.range_error)
+    return beam.bounds_m(stretch)
 
 
-def _started(
+def started_run(
     placed: Placed, geometry: GridGeometry, walls_m: NDArray[np.float64] | None
 ) -> Started:
+    """The first artifact: the grid, and the layers that the sensors will fill."""
     layers = tuple(dict.fromkeys(sensor.layer for sensor in placed.sensors.values()))
     if len(layers) > 1:
         layers = (*layers, FUSED)
@@ -90,7 +93,7 @@ def _started(
     return Started(geometry, layers, walls, min(times), max(times))
 
 
-def _stages(
+def result_stages(
     placed: Placed, maps: dict[str, MapState], config: MappingConfig, *, final: bool
 ) -> Iterator[Artifact]:
     """Fusion, thresholds, borders and lines of the maps as they are now."""
@@ -119,7 +122,7 @@ def _vector_stages(
     )
 
 
-def _raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
+def raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
     """The obstacle points of each sensor, and the lines fitted straight to them."""
     by_sensor: dict[str, list[Beam]] = {}
     for beam in placed.beams:

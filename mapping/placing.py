@@ -51,7 +51,7 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     if not readings:
         raise BadInput(f"no range readings in the session (found: {_found(kept)})")
     track = _track(kept, config, dropped)
-    sensors = _sensors(readings, frames, config)
+    sensors = settle_sensors(readings, frames, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
     clocks_back = 0
@@ -59,7 +59,7 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     for reading in readings:
         clocks_back += reading.t_ns < last_ns
         last_ns = reading.t_ns
-        outcome = _place_one(len(beams), reading, sensors[reading.sensor], track, frames, config)
+        outcome = place_reading(len(beams), reading, sensors[reading.sensor], track, frames, config)
         if isinstance(outcome, Beam):
             beams.append(outcome)
             used[reading.sensor] += 1
@@ -95,9 +95,13 @@ def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]
     return Track.of(sane, config.pose.max_gap_s)
 
 
-def _sensors(
-    readings: list[Range | Scan], frames: FrameTree, config: MappingConfig
+def settle_sensors(
+    readings: Iterable[Range | Scan], frames: FrameTree, config: MappingConfig
 ) -> dict[str, Sensor]:
+    """What is held of each sensor, by its name, from its first reading and the configuration.
+
+    Each has its own layer, unless there are several of one kind: these share one.
+    """
     first: dict[str, Range | Scan] = {}
     for reading in readings:
         first.setdefault(reading.sensor, reading)
@@ -124,7 +128,7 @@ def _heard(reading: Range | Scan) -> Heard:
     )  # fmt: skip
 
 
-def _place_one(
+def place_reading(
     number: int,
     reading: Range | Scan,
     sensor: Sensor,
