@@ -1,0 +1,1 @@
+"""Record, map and show at once: the mapping follows the recording in a process of its own."""
