@@ -6,14 +6,19 @@ heavy is imported here; each command imports what it needs when it runs.
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from mapping import cli as mapping_cli
 from recorder import cli as recorder_cli
 from replay import cli as replay_cli
+
+if TYPE_CHECKING:
+    from replay.mapping_run import RunResult
 
 __version__ = "0.1.0"
 
@@ -29,6 +34,18 @@ def cli() -> None:
 
 for _command in (*recorder_cli.COMMANDS, *mapping_cli.COMMANDS, *replay_cli.COMMANDS):
     cli.add_command(_command)
+
+
+def show(
+    run: str | os.PathLike[str] | RunResult,
+    *,
+    width: int | str = "auto",
+    height: int | str = 720,
+) -> Any:
+    """A recording, or what a run came to, as a widget for a notebook: see ``replay.notebook``."""
+    from replay.notebook import show as show_in_notebook
+
+    return show_in_notebook(run, width=width, height=height)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

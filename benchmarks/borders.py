@@ -33,8 +33,15 @@ def maps(size: int, seed: int) -> dict[str, NDArray[np.bool_]]:
         "blobs": field > np.quantile(field, 0.7),
         "rooms, one-cell walls": rooms,
         "random, 5 % black": rng.random((size, size)) < 0.05,
+        "one figure in a corner": _corner_figure(size),
         "empty": np.zeros((size, size), np.bool_),
     }
+
+
+def _corner_figure(size: int) -> NDArray[np.bool_]:
+    grid = np.zeros((size, size), np.bool_)
+    grid[: size // 20, : size // 20] = True
+    return grid
 
 
 def main() -> None:

@@ -29,7 +29,7 @@ from mapping.segments import (
     LINE_METHODS,
     reachable_cells,
     segments_from_grid,
-    segments_from_points,
+    segments_of_ranger,
 )
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import start
@@ -47,12 +47,14 @@ SENSORS = {"ping": Radiation.ULTRASOUND, "dirrs": Radiation.INFRARED}
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
-    """One run through a room: its layers, where the robot was, and the raw points by sensor."""
+    """One run through a room: its layers, where the robot was, and by sensor the raw points and
+    from where each was seen."""
 
     room: Room
     layers: dict[str, Layer]
     positions_m: Floats
     points_m: dict[str, Floats]
+    eyes_m: dict[str, Floats]
 
 
 def mapped(room: Room, *, seed: int, duration_s: float, resolution_m: float) -> Mapped:
@@ -72,6 +74,7 @@ def mapped(room: Room, *, seed: int, duration_s: float, resolution_m: float) -> 
     )
     states = {name: start(sensor.update, geometry) for name, sensor in sensors.items()}
     points: dict[str, list[Floats]] = defaultdict(list)
+    eyes: dict[str, list[tuple[float, float]]] = defaultdict(list)
     messages = [message for _, message in simulate(room, duration_s=duration_s, seed=seed)]
     poses = [message for message in messages if isinstance(message, Pose)]
     times = np.array([pose.t_ns for pose in poses])
@@ -89,10 +92,13 @@ def mapped(room: Room, *, seed: int, duration_s: float, resolution_m: float) -> 
         )  # fmt: skip
         states[sensor.name].merge(make_temp_grid(beam, sensor, geometry))
         points[sensor.name] += list(beam.points_m)
+        eye = (beam.world_from_sensor.x_m, beam.world_from_sensor.y_m)
+        eyes[sensor.name] += [eye] * len(beam.points_m)
     layers = {name: state.layer(name) for name, state in states.items()}
     layers["fused"] = fuse(list(layers.values()), list(sensors.values()), config.fusion)
     where = np.array([(p.world_from_base.x_m, p.world_from_base.y_m) for p in poses])
-    return Mapped(room, layers, where, {name: np.array(p) for name, p in points.items()})
+    at = [{name: np.array(p) for name, p in places.items()} for places in (points, eyes)]
+    return Mapped(room, layers, where, *at)
 
 
 def _pose_at(poses: list[Pose], times: NDArray[np.int64], t_ns: int) -> SE2 | None:
@@ -103,7 +109,7 @@ def _pose_at(poses: list[Pose], times: NDArray[np.int64], t_ns: int) -> SE2 | No
     return interpolate(poses[i - 1].world_from_base, poses[i].world_from_base, float(fraction))
 
 
-def _steps(ends: Floats) -> tuple[Floats, Floats]:
+def along_lines(ends: Floats) -> tuple[Floats, Floats]:
     """Places along pieces (K, 2, 2), a centimetre apart, and the direction at each."""
     places, directions = [np.empty((0, 2))], [np.empty(0)]
     for a, b in ends:
@@ -130,7 +136,7 @@ def distances(places: Floats, directions: Floats | None, ends: Floats) -> Floats
 def scores(walls_m: Floats, segments: list[Segment]) -> tuple[float, float, float, float]:
     """Recall, precision, rms offset of the right lines in metres, and lines per metre of wall."""
     lines = np.array([(s.start_m, s.end_m) for s in segments]).reshape(-1, 2, 2)
-    on_walls, on_lines = _steps(walls_m), _steps(lines)
+    on_walls, on_lines = along_lines(walls_m), along_lines(lines)
     recall = float((distances(*on_walls, lines) <= TOLERANCE_M).mean())
     off = distances(*on_lines, walls_m)
     right = off <= TOLERANCE_M
@@ -183,7 +189,10 @@ def _print_raw(runs: list[Mapped]) -> None:
             rows, near = [], []
             for run in runs:
                 points = run.points_m[sensor]
-                found = segments_from_points(points, SegmentsSection(method=method), layer=sensor)
+                config = SegmentsSection(method=method)
+                found = segments_of_ranger(
+                    points, run.eyes_m[sensor], config, layer=sensor, narrow=sensor == "dirrs"
+                )
                 lines = np.array([(s.start_m, s.end_m) for s in found]).reshape(-1, 2, 2)
                 near.append(float((distances(points, None, lines) <= TOLERANCE_M).mean()))
                 rows.append(scores(run.room.walls_m, found))

@@ -1,13 +1,18 @@
-"""Size and speed of recordings: ``python benchmarks/rrd.py [READINGS] [ROWSxCOLS] [BUDGET_MB]``.
+"""Size and speed of recordings, as a table: ``python benchmarks/rrd.py [--viewer] [RUN...]``.
 
-Writes a made run (sonar and infrared in an empty rectangle) and prints a line of a table: how large
-the file is, how long writing took, how much memory, how long it takes to read a grid back. With
-``--viewer`` also how long the viewer takes for its first picture and for a jump to a far step.
+A run is READINGS:COLSxROWS:MB, the last the budget; those of ``docs/recording-size.md``
+by default. Each is written by a process of its own: a robot circles in an empty rectangle, a wide
+sonar and a narrow infrared ranger read in turn, at 1 cm. ``written`` is the time spent in the
+writer alone, ``memory`` the most that the process took, ``grid`` how long the last whole grid takes
+to be read back. With ``--viewer`` also how long the viewer takes, without a window, to its first
+picture and for a jump to a far step.
 """
 
 from __future__ import annotations
 
+import json
 import resource
+import subprocess
 import sys
 import tempfile
 import time
@@ -21,31 +26,52 @@ from mapping.grid import GridGeometry  # noqa: E402
 from replay.rrd.reader import read_rrd  # noqa: E402
 from replay.rrd.writer import RrdWriter  # noqa: E402
 
+RUNS = ("1000:600x400:100", "10000:600x400:100", "10000:600x400:40", "2000:4000x4000:100")
 LONGEST_M = 3.0
+JUMPS = (0.9, 0.2, 0.6, 0.60001)  # parts of the recording, one after the other
 
 
-def write(run: MadeRun, path: Path, budget_mb: float) -> tuple[float, RrdWriter]:
-    """Write the run; seconds spent in the writer alone, and the writer."""
-    seconds = 0.0
-    with RrdWriter(path, config_text="", name="benchmark", budget_mb=budget_mb) as writer:
-        for artifact in run.artifacts():
-            start = time.perf_counter()
-            writer(artifact)
-            seconds += time.perf_counter() - start
+def measure(run: str, viewer: bool) -> dict[str, str]:
+    """One row of the table."""
+    readings, shape, budget = run.split(":")
+    cols, rows = (int(number) for number in shape.split("x"))
+    made = MadeRun(
+        GridGeometry((0.0, 0.0), 0.01, rows, cols), readings=int(readings), longest_m=LONGEST_M
+    )
+    row = {"readings": readings, "cells": f"{cols} x {rows}", "budget MB": budget}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "benchmark.rrd"
+        wall, processor, writer = write(made, path, float(budget))
+        memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        row["size MB"] = f"{path.stat().st_size / 1e6:.1f}"
+        row["written s"] = f"{wall:.1f}"
+        row["processor s"] = f"{processor:.1f}"
+        row["memory MB"] = f"{memory_mb:.0f}"
         start = time.perf_counter()
-    return seconds + time.perf_counter() - start, writer
+        read_rrd(path).grid("ping")
+        row["grid s"] = f"{time.perf_counter() - start:.2f}"
+        if viewer:
+            row |= look(path)
+    row["left out"] = writer.left_out or "nothing"
+    return row
 
 
-def measure_reading(path: Path) -> str:
-    """How long it takes to open the file and to read the last grid."""
-    start = time.perf_counter()
-    recording = read_rrd(path)
-    opened = time.perf_counter()
-    recording.grid("ping")
-    return f"open {opened - start:.2f} s, grid {time.perf_counter() - opened:.2f} s"
+def write(run: MadeRun, path: Path, budget_mb: float) -> tuple[float, float, RrdWriter]:
+    """Write the run; seconds in the writer alone, by the clock and of the processor."""
+    wall = processor = 0.0
+    writer = RrdWriter(path, config_text="", name="benchmark", budget_mb=budget_mb)
+    with writer:
+        for artifact in run.artifacts():
+            start = time.perf_counter(), time.process_time()
+            writer(artifact)
+            wall += time.perf_counter() - start[0]
+            processor += time.process_time() - start[1]
+        start = time.perf_counter(), time.process_time()
+    wall += time.perf_counter() - start[0]
+    return wall, processor + time.process_time() - start[1], writer
 
 
-def measure_viewer(path: Path) -> str:
+def look(path: Path) -> dict[str, str]:
     """How long the real viewer takes, without a window."""
     from replay.rrd.headless import HeadlessViewer
 
@@ -54,31 +80,30 @@ def measure_viewer(path: Path) -> str:
         viewer.screenshot()
         first = time.perf_counter() - start
         jumps = []
-        for share in (0.9, 0.2, 0.6, 0.60001):
+        for share in JUMPS:
             start = time.perf_counter()
             viewer.go_to(int(viewer.steps[1] * share))
             viewer.screenshot()
             jumps.append(time.perf_counter() - start)
-    return f"first picture {first:.1f} s, jumps {', '.join(f'{jump:.1f}' for jump in jumps)} s"
+    return {"first picture s": f"{first:.1f}", "jump s": f"{min(jumps):.1f} to {max(jumps):.1f}"}
 
 
 def main() -> None:
-    """One line of the table."""
+    """The table; or, as a process of its own, one row of it."""
     given = [argument for argument in sys.argv[1:] if not argument.startswith("--")]
-    readings, shape, budget = (*given, *("10000", "400x600", "100")[len(given) :])
-    rows, cols = (int(number) for number in shape.split("x"))
-    geometry = GridGeometry((0.0, 0.0), 0.01, rows, cols)
-    run = MadeRun(geometry, readings=int(readings), longest_m=LONGEST_M)
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "benchmark.rrd"
-        seconds, writer = write(run, path, float(budget))
-        memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"readings {readings}, cells {cols} x {rows}, budget {budget} MB")
-        print(f"size {path.stat().st_size / 1e6:.1f} MB, written in {seconds:.1f} s")
-        print(f"memory {memory_mb:.0f} MB; {measure_reading(path)}")
-        if "--viewer" in sys.argv:
-            print(measure_viewer(path))
-        print(writer.left_out or "nothing left out")
+    viewer = "--viewer" in sys.argv
+    if "--row" in sys.argv:
+        print(json.dumps(measure(given[0], viewer)))
+        return
+    headed = False
+    for run in given or RUNS:
+        command = [sys.executable, __file__, run, "--row", *(["--viewer"] if viewer else [])]
+        said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        row: dict[str, str] = json.loads(said.splitlines()[-1])
+        if not headed:
+            print(f"| {' | '.join(row)} |\n|{' --- |' * len(row)}")
+            headed = True
+        print(f"| {' | '.join(row.values())} |", flush=True)
 
 
 if __name__ == "__main__":

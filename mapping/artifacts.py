@@ -135,6 +135,39 @@ class Segment:
 
 
 @dataclass(frozen=True, slots=True)
+class TracerStep:
+    """The tracer at one cell of a border: where it looked, and where it goes next.
+
+    ``cells`` (K, 2) are those that it has passed, as row, col, the present one last. ``tried`` are
+    the neighbours that it looked at in turn; ``following`` the last of them, unless there is none.
+    """
+
+    layer: str
+    border: int
+    geometry: GridGeometry
+    cells: NDArray[np.int64]
+    tried: NDArray[np.int64]
+    following: tuple[int, int] | None
+
+
+@dataclass(frozen=True, slots=True)
+class LineStage:
+    """Something done on the way to a layer's lines: one thing, or all of its kind together.
+
+    ``kind`` is ``split``, ``merge``, ``fit`` or ``corner``. ``pieces_m`` (K, 2, 2) are the pieces
+    that it was done to, as two ends; ``places_m`` (M, 2) where: cuts, joints, crossings; ``sizes``
+    (K,) what decided: metres from the chord, cost over what is allowed, rms in metres.
+    """
+
+    layer: str
+    source: str
+    kind: str
+    pieces_m: NDArray[np.float64]
+    places_m: NDArray[np.float64]
+    sizes: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Started:
     """The first artifact of a run: the grid, the layers and the walls, where they are known."""
 
@@ -164,6 +197,8 @@ Artifact = (
     | Classes
     | Border
     | RawPoints
+    | TracerStep
+    | LineStage
     | Segment
     | Finished
 )

@@ -13,6 +13,7 @@ when the first *move* comes again, and starts at every border crack that no bord
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -20,7 +21,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.artifacts import Border, Thresholded
+from mapping.artifacts import Border, Thresholded, TracerStep
 from mapping.config import BordersSection
 from mapping.grid import Layer, read_only
 
@@ -71,7 +72,10 @@ def trace_borders(occupied: NDArray[np.bool_], *, tracer: Tracer = "closed") -> 
     grid = np.ascontiguousarray(occupied, np.bool_)
     if grid.ndim != 2:
         raise ValueError(f"a grid has two dimensions, not {grid.ndim}")
-    cells, ends, outer = kernel(grid.view(np.uint8))
+    filled = grid.any(axis=1)
+    if not filled.any():
+        return []
+    cells, ends, outer = kernel(grid.view(np.uint8), filled.view(np.uint8))
     read_only(cells)
     starts = [0, *ends][: len(ends)]
     return [
@@ -107,6 +111,23 @@ def walk_border(occupied: NDArray[np.bool_], border: TracedBorder) -> Iterator[W
                 break
         yield WalkStep((row, col), tuple(tried), following)
         search = (tried[-1] + (7 if tried[-1] % 2 == 0 else 6)) % 8
+
+
+def tracer_steps(
+    thresholded: Thresholded, borders: list[Border], most: int
+) -> Iterator[TracerStep]:
+    """The walk along the longest border, up to ``most`` steps, to be shown."""
+    if not borders or most <= 0:
+        return
+    border = max(borders, key=lambda one: len(one.cells))
+    walk = walk_border(thresholded.occupied, TracedBorder(border.outer, border.cells))
+    for number, step in enumerate(itertools.islice(walk, most), 1):
+        tried = np.array([DIRECTIONS[direction] for direction in step.tried], np.int64)
+        tried += np.array(step.cell, np.int64)
+        yield TracerStep(
+            border.layer, border.number, border.geometry, border.cells[:number], tried,
+            step.following,
+        )  # fmt: skip
 
 
 def _is_occupied(occupied: NDArray[np.bool_], cell: tuple[int, int]) -> bool:

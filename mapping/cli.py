@@ -23,7 +23,11 @@ def config(configs: tuple[Path, ...], settings: tuple[str, ...], preset: str | N
     from mapping.config import load_config
     from mapping.config_text import commented_toml
 
-    click.echo(commented_toml(load_config(configs, settings, preset)), nl=False)
+    if len(configs) < 2:
+        click.echo(commented_toml(load_config(configs, settings, preset)), nl=False)
+        return 0
+    for file in configs:  # as for map: each is a configuration of its own
+        click.echo(f"# {file}\n{commented_toml(load_config([file], settings, preset))}")
     return 0
 
 

@@ -28,6 +28,9 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
+Display = Literal["grey", "reduced", "odds", "two-colours", "three-colours"]
+
+
 class Section(BaseModel):
     """Base of all sections: frozen, and closed to keys it does not know."""
 
@@ -38,6 +41,9 @@ class PoseSection(Section):
     """Where the robot was at each reading's own time."""
 
     topic: str = Field("", description="topic of the poses; empty: /pose, or the only one there is")
+    odom_start: Literal["own", "tracker"] = Field(
+        "own", description="/odom as it is, or laid on the tracker's pose where both begin"
+    )
     rides_on: Literal["base", "head"] = Field(
         "base", description="what the tracker's tag is fixed to"
     )
@@ -125,6 +131,9 @@ class BordersSection(Section):
     tracer: Literal["closed", "chapter"] = Field(
         "closed", description="the right tracer, or the chapter's stop and start rules"
     )
+    compare: tuple[Fraction, ...] = Field(
+        (0.51, 0.55, 0.60), description="thresholds that the recording shows side by side"
+    )
 
 
 class SegmentsSection(Section):
@@ -161,9 +170,10 @@ class SegmentsSection(Section):
     order: Literal["time", "bearing", "path"] = Field(
         "time", description="of raw points: as measured, around the robot, or nearest to nearest"
     )
-    gap_m: Positive = Field(0.3, description="raw points further apart are not joined")
+    gap_m: Positive = Field(0.3, description="pieces of a line further apart are not joined")
+    raw_gap_m: Positive = Field(0.15, description="nor are a ranger's neighbouring points")
     min_points: int = Field(5, ge=2, description="fewer points make no line")
-    min_length_m: NonNegative = Field(0.15, description="shorter lines are left out")
+    min_length_m: NonNegative = Field(0.2, description="shorter lines are left out")
     seed: int = Field(0, description="of the methods that draw at random")
 
     @property
@@ -179,7 +189,19 @@ class RerunSection(Section):
     stages_every: int = Field(
         0, ge=0, description="borders, lines and fusion after every k readings; 0: at the end"
     )
+    line_stages: Literal["together", "each", "none"] = Field(
+        "together",
+        description="splits, merges, fits and corners at the end: a step a kind, or one for each",
+    )
+    tracer_steps: int = Field(
+        0, ge=0, description="so many steps of the tracer along each layer's longest border"
+    )
     budget_mb: Positive = Field(100.0, description="size that the recording should stay under")
+    display: tuple[Display, ...] = Field(
+        ("grey", "reduced", "odds", "two-colours", "three-colours"),
+        description="further ways to draw the maps at each snapshot, hidden at first",
+    )
+    display_levels: int = Field(5, ge=2, le=256, description="shades left at reduced depth")
 
 
 class MappingConfig(Section):

@@ -16,6 +16,7 @@ from mapping.beams import Beam
 from mapping.config import MappingConfig, Sensor
 from mapping.placing import Placed, place_reading, settle_sensors
 from mapping.poses import NS_PER_S, FrameTree, Track, is_sane
+from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Message, Odometry, Pose, Range, Scan, Transform
 
@@ -32,6 +33,8 @@ class LivePlacer:
         self.sensors: dict[str, Sensor] = {}
         self.used: Counter[str] = Counter()
         self.dropped: Counter[str] = Counter()
+        if config.pose.odom_start == "tracker":
+            raise BadInput('pose.odom_start = "tracker" needs a finished session, not a live one')
         self._config = config
         self._gap_ns = round(config.pose.max_gap_s * NS_PER_S)
         self._frames = FrameTree()

@@ -5,6 +5,7 @@ A generator of artifacts: whoever shows, exports or compares takes what it yield
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -12,17 +13,24 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished, RawPoints, Snapshot, Started
 from mapping.beams import Beam
-from mapping.borders import find_borders, threshold_layer
+from mapping.borders import find_borders, threshold_layer, tracer_steps
 from mapping.config import MappingConfig, Sensor
 from mapping.fusion import FUSED, classify, fuse
 from mapping.grid import GridGeometry, Layer, check_size, geometry_for
 from mapping.placing import Placed, place
-from mapping.segments import reachable_cells, segments_from_grid, segments_from_points
+from mapping.segments import (
+    Stage,
+    line_stages,
+    reachable_cells,
+    segments_from_grid,
+    segments_of_ranger,
+)
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import MapState, start
 from recorder.messages import Message
 
 MARGIN_M = 0.2
+NARROW_RAD = math.radians(10.0)  # what such a beam goes through is free
 
 
 def build_maps(
@@ -106,20 +114,34 @@ def result_stages(
         yield Snapshot(layer, rules.get(layer.name, config.fusion.rule), final)
     positions = np.array([[b.world_from_base.x_m, b.world_from_base.y_m] for b in placed.beams])
     for layer in layers:
-        yield from _vector_stages(layer, positions, config)
+        yield from _vector_stages(layer, positions, config, final=final)
 
 
 def _vector_stages(
-    layer: Layer, positions_m: NDArray[np.float64], config: MappingConfig
+    layer: Layer, positions_m: NDArray[np.float64], config: MappingConfig, *, final: bool
 ) -> Iterator[Artifact]:
     thresholded = threshold_layer(layer, config.borders.threshold)
     yield thresholded
     borders = find_borders(thresholded, config.borders)
     yield from borders
-    reachable = reachable_cells(layer, positions_m)
-    yield from segments_from_grid(
-        thresholded, borders, config.segments, observed=layer.observed, reachable=reachable
-    )
+    if final:
+        yield from tracer_steps(thresholded, borders, config.rerun.tracer_steps)
+    stages: list[Stage] = []
+    lines = segments_from_grid(
+        thresholded, borders, config.segments, observed=layer.observed,
+        reachable=reachable_cells(layer, positions_m), observe=stages.append if final else None,
+    )  # fmt: skip
+    yield from _stages_shown(stages, layer.name, "grid", config)
+    yield from lines
+
+
+def _stages_shown(
+    stages: Sequence[Stage], layer: str, source: str, config: MappingConfig
+) -> Iterator[Artifact]:
+    """What was done on the way to the lines, as the configuration wants it shown."""
+    how = config.rerun.line_stages
+    if how != "none":
+        yield from line_stages(stages, layer=layer, source=source, each=how == "each")
 
 
 def raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
@@ -131,7 +153,15 @@ def raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
         points, t_ns = _points_of(beams)
         yield RawPoints(name, points, t_ns)
         if len(points) >= config.segments.min_points:
-            yield from segments_from_points(points, config.segments, layer=name)
+            eyes = np.array([[b.world_from_sensor.x_m, b.world_from_sensor.y_m] for b in beams])
+            narrow = beams[0].beam_width_rad <= NARROW_RAD
+            stages: list[Stage] = []
+            lines = segments_of_ranger(
+                points, np.repeat(eyes, [len(beam.points_m) for beam in beams], axis=0),
+                config.segments, layer=name, narrow=narrow, observe=stages.append,
+            )  # fmt: skip
+            yield from _stages_shown(stages, name, "raw", config)
+            yield from lines
 
 
 def _points_of(beams: Sequence[Beam]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

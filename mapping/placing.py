@@ -84,15 +84,36 @@ def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]
         fixed = SE2(x_m, y_m, math.radians(heading_deg))
         times = [m.t_ns for m in messages]
         return Track([min(times), max(times)], [fixed, fixed], max(times) - min(times) + 1)
-    stamped = [(m.t_ns, m.world_from_base) for m in messages if isinstance(m, Pose)]
-    if not stamped or config.pose.topic == "/odom":
-        stamped = [(m.t_ns, m.odom_from_base) for m in messages if isinstance(m, Odometry)]
+    tracked = [(m.t_ns, m.world_from_base) for m in messages if isinstance(m, Pose)]
+    odometry = [(m.t_ns, m.odom_from_base) for m in messages if isinstance(m, Odometry)]
+    by_odometry = not tracked or config.pose.topic == "/odom"
+    stamped = odometry if by_odometry else tracked
     if not stamped:
         raise BadInput(f"no poses in the session (found: {_found(messages)})")
     sane = [(t_ns, pose) for t_ns, pose in stamped if is_sane(pose)]
     if len(sane) < len(stamped):
         dropped["pose not finite or too far"] = len(stamped) - len(sane)
-    return Track.of(sane, config.pose.max_gap_s)
+    track = Track.of(sane, config.pose.max_gap_s)
+    if by_odometry and config.pose.odom_start == "tracker":
+        seen = [(t_ns, pose) for t_ns, pose in tracked if is_sane(pose)]
+        return laid_on(track, Track.of(seen, config.pose.max_gap_s))
+    return track
+
+
+def laid_on(odometry: Track, tracker: Track) -> Track:
+    """Dead reckoning moved as a whole, so that it starts where the tracker has the robot.
+
+    At the first time that both know: ``world_from_odom = world_from_base @ odom_from_base⁻¹``. From
+    there on nothing corrects it, so that its drift can be seen. Raises BadInput where the two have
+    no time in common.
+    """
+    for t_ns in sorted({*odometry.t_ns, *tracker.t_ns}):
+        world_from_base, odom_from_base = tracker.at(t_ns), odometry.at(t_ns)
+        if world_from_base is not None and odom_from_base is not None:
+            world_from_odom = world_from_base @ odom_from_base.inverse()
+            moved = [world_from_odom @ pose for pose in odometry.poses]
+            return Track(odometry.t_ns, moved, odometry.max_gap_ns)
+    raise BadInput("there is no time at which the tracker and dead reckoning both know the pose")
 
 
 def settle_sensors(

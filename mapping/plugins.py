@@ -7,8 +7,6 @@ run as Python: load only files that you trust.
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
@@ -17,6 +15,7 @@ from typing import TypeVar
 from mapping.sensor_model import SENSOR_MODELS, SensorModel
 from mapping.update_rules import UPDATE_RULES, UpdateRule
 from recorder.errors import BadInput
+from recorder.plugin_files import one_line, run_file
 
 Member = TypeVar("Member", SensorModel, UpdateRule)
 
@@ -39,7 +38,7 @@ def load_plugin(path: Path | str) -> Plugin:
     is registered.
     """
     path = Path(path)
-    module = _run(path)
+    module = run_file(path)
     own = [value for value in vars(module).values() if _defined_in(value, module)]
     models = tuple(_made(c, path) for c in own if issubclass(c, SensorModel))
     rules = tuple(_made(c, path) for c in own if issubclass(c, UpdateRule))
@@ -52,39 +51,6 @@ def load_plugin(path: Path | str) -> Plugin:
     SENSOR_MODELS.update({model.name: model for model in models})
     UPDATE_RULES.update({rule.name: rule for rule in rules})
     return Plugin(models, rules)
-
-
-def _run(path: Path) -> ModuleType:
-    name = f"echogrid_plugin_{path.stem}"
-    if not path.is_file():
-        raise BadInput(f"{path}: no such file")
-    spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise BadInput(f"{path}: not a Python file (its name must end in .py)")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up there
-    try:
-        spec.loader.exec_module(module)
-    except SyntaxError as error:
-        raise BadInput(f"{path}, line {error.lineno}: {error.msg}") from None
-    except Exception as error:
-        line = _line_in(path, error)
-        raise BadInput(f"{path}{line}: {type(error).__name__}: {_one_line(error)}") from error
-    return module
-
-
-def _line_in(path: Path, error: BaseException) -> str:
-    """Where in the file it went wrong, as ``, line 3``."""
-    at, trace = "", error.__traceback__
-    while trace is not None:
-        if trace.tb_frame.f_code.co_filename == str(path):
-            at = f", line {trace.tb_lineno}"
-        trace = trace.tb_next
-    return at
-
-
-def _one_line(error: BaseException) -> str:
-    return " ".join(str(error).split())
 
 
 def _defined_in(value: object, module: ModuleType) -> bool:
@@ -107,7 +73,7 @@ def _made(kind: type[Member], path: Path) -> Member:
     try:
         return kind()
     except Exception as error:
-        raise BadInput(f"{path}: {kind.__name__}() fails: {_one_line(error)}") from error
+        raise BadInput(f"{path}: {kind.__name__}() fails: {one_line(error)}") from error
 
 
 def _check_rule(rule: UpdateRule, path: Path) -> None:

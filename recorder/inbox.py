@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import queue
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -13,7 +14,11 @@ T = TypeVar("T")
 
 _QUEUE_LENGTH = 4096
 _POLL_S = 0.1  # how soon a stop is noticed when all is quiet
-_DRAIN_S = 5.0  # how long the sources may take to end
+_DRAIN_S = 5.0  # how long the sources may be silent before they end
+_LONGEST_DRAIN_S = 120.0  # how long they may go on when they were told to end
+# How long a thread that waits for Python's lock waits at most. A serial line's buffer holds some
+# milliseconds of a fast line, and reading it takes the lock several times.
+_SWITCH_S = 0.0005
 
 _log = logging.getLogger(__name__)
 
@@ -33,11 +38,14 @@ class Inbox(Generic[T]):
         ]
 
     def __enter__(self) -> Self:
+        self._switch_s = sys.getswitchinterval()
+        sys.setswitchinterval(min(self._switch_s, _SWITCH_S))
         for thread in self._threads:
             thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        sys.setswitchinterval(self._switch_s)
         self._halt.set()
         self._left.set()
 
@@ -48,26 +56,33 @@ class Inbox(Generic[T]):
     def events(self, stop: threading.Event) -> Iterator[tuple[str, T | Exception | None]]:
         """What the sources bring, or their exceptions, with their names; None when all is quiet.
 
-        It ends when all sources have, at the latest 5 s after ``stop`` was set or ``halt`` called.
+        It ends when all sources have. When ``stop`` was set or ``halt`` called, what had come by
+        then is still brought, however long the taker takes; a source that neither ends nor brings
+        anything for 5 s is left alone.
         """
-        give_up_s = None
+        halted_s = heard_s = 0.0
         while self._alive:
             if stop.is_set() or self._leader not in self._alive:
                 self._halt.set()
-            if self._halt.is_set():
-                give_up_s = give_up_s or time.monotonic() + _DRAIN_S
-                if time.monotonic() > give_up_s:
-                    _log.warning("still waiting for %s: left alone", ", ".join(sorted(self._alive)))
-                    return
+            if self._halt.is_set() and not halted_s:
+                halted_s = heard_s = time.monotonic()
             try:
                 name, event = self._queue.get(timeout=_POLL_S)
             except queue.Empty:
+                if halted_s and time.monotonic() > heard_s + _DRAIN_S:
+                    return self._leave_alone()
                 yield "", None
                 continue
+            heard_s = time.monotonic()
+            if halted_s and heard_s > halted_s + _LONGEST_DRAIN_S:
+                return self._leave_alone()
             if event is None:
                 self._alive.discard(name)
             else:
                 yield name, event
+
+    def _leave_alone(self) -> None:
+        _log.warning("still waiting for %s: left alone", ", ".join(sorted(self._alive)))
 
     def _pump(self, name: str, events: Callable[[threading.Event], Iterable[T]]) -> None:
         """The thread of one source."""

@@ -11,12 +11,14 @@ import enum
 import errno
 import socket
 import threading
+import time
 import typing
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from urllib.parse import urlsplit
 
 import serial
+from serial.tools import list_ports
 
 from recorder.clock import Clock
 from recorder.errors import BadInput, LinkError
@@ -25,6 +27,7 @@ MAX_CHUNK_BYTES = 4096
 DEFAULT_BAUD = 115200
 
 _WAIT_S = 0.1  # how long a read may take, thus how soon `stop` is heeded
+_WRITE_S = 1.0  # how long a write may take
 _CONNECT_S = 3.0
 _FIRST_BACKOFF_S = 0.05
 _LAST_BACKOFF_S = 1.0
@@ -69,6 +72,9 @@ class Port(typing.Protocol):
     def read(self) -> bytes:
         """What has arrived, at most 4096 bytes; empty after 0.1 s of silence; OSError when gone."""
 
+    def write(self, data: bytes) -> None:
+        """Send all of ``data``; OSError when it is gone or takes nothing for a second."""
+
     def close(self) -> None:
         """Let go of it."""
 
@@ -88,6 +94,7 @@ class Link:
         self._clock = clock
         self._wait = wait
         self._port: Port | None = None
+        self._in_use = threading.Lock()  # so that nobody writes to a port that is being closed
 
     def open(self) -> None:
         """Open it now, so that a missing device is known before anything else is begun.
@@ -102,11 +109,26 @@ class Link:
 
     def close(self) -> None:
         """Let go of the port. Not while another thread iterates over the events."""
-        port, self._port = self._port, None
-        if port is not None:
-            # what is lost already may complain about being closed
-            with contextlib.suppress(OSError):
-                port.close()
+        with self._in_use:
+            port, self._port = self._port, None
+            if port is not None:
+                # what is lost already may complain about being closed
+                with contextlib.suppress(OSError):
+                    port.close()
+
+    def write(self, data: bytes) -> bool:
+        """Send ``data`` to the other side, from any thread; False when that was not possible.
+
+        A link that is gone shows when it is read: nothing is raised here.
+        """
+        with self._in_use:
+            if self._port is None:
+                return False
+            try:
+                self._port.write(data)
+            except OSError:
+                return False
+        return True
 
     def events(self, stop: threading.Event) -> Iterator[Received | LinkEvent]:
         """Bytes and changes of state, until ``stop`` is set; the port is closed in the end."""
@@ -149,6 +171,14 @@ class Link:
         return ""
 
 
+def serial_devices() -> dict[str, str]:
+    """The serial devices that the system knows, by path, and what they call themselves."""
+    return {
+        port.device: "" if port.description == "n/a" else port.description
+        for port in sorted(list_ports.comports())
+    }
+
+
 class _SerialPort:
     """A serial port of pyserial: a device or an RFC 2217 server."""
 
@@ -156,6 +186,8 @@ class _SerialPort:
         try:
             # exclusive: two programs that read one port get half the bytes each
             self._serial = serial.serial_for_url(url, baud, timeout=_WAIT_S, exclusive=True)
+            if "://" not in url:  # pyserial's RFC 2217 has no such limit
+                self._serial.write_timeout = _WRITE_S
         except ValueError as error:
             raise OSError(str(error)) from None
 
@@ -167,6 +199,9 @@ class _SerialPort:
             with contextlib.suppress(OSError):
                 data += self._serial.read(min(self._serial.in_waiting, MAX_CHUNK_BYTES - 1))
         return data
+
+    def write(self, data: bytes) -> None:
+        self._serial.write(data)
 
     def close(self) -> None:
         self._serial.close()
@@ -194,6 +229,15 @@ class _TcpPort:
             raise ConnectionResetError("the other side closed the connection")
         return data
 
+    def write(self, data: bytes) -> None:
+        # not sendall(): it gives up when the read's short timeout is over
+        give_up_s = time.monotonic() + _WRITE_S
+        while data and time.monotonic() < give_up_s:
+            with contextlib.suppress(TimeoutError):
+                data = data[self._socket.send(data) :]
+        if data:
+            raise TimeoutError("the other side takes nothing")
+
     def close(self) -> None:
         self._socket.close()
 
@@ -219,6 +263,9 @@ class _UdpPort:
         except TimeoutError:
             return b""
         return data if data.endswith(b"\n") or not data else data + b"\n"
+
+    def write(self, data: bytes) -> None:
+        raise OSError(errno.EDESTADDRREQ, "nobody to send to: udp:// only listens")
 
     def close(self) -> None:
         self._socket.close()

@@ -9,19 +9,20 @@ from __future__ import annotations
 import logging
 import threading
 import typing
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from recorder.cadence import Cadence
 from recorder.clock import NS_PER_S, Clock
 from recorder.inbox import Inbox
 from recorder.link import ByteSource, LinkEvent, LinkState, Received
-from recorder.messages import Diagnostics, Message, Pose, Range, Transform
+from recorder.messages import Diagnostics, Message, Pose, Range, RawLine, Transform
 from recorder.odometry import WheelGeometry
 from recorder.protocols import Protocol
-from recorder.protocols.reports import HelloReport, Packet
+from recorder.protocols.reports import Fault, HelloReport, Packet
 from recorder.sensors import SensorParameters
-from recorder.tracker import BadTrackerLine, Tracker, TrackerEvent
+from recorder.tracker import BadTrackerLine, PoseSource, TrackerEvent
 from recorder.translation import RecordingCounters, Translator, raw_line
 
 DIAGNOSTICS_NAME = "recorder"
@@ -43,16 +44,18 @@ class Session(typing.Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RecordingStatus:
-    """How a recording goes, once a second: for the screen."""
+    """How a recording goes, as often as was asked for: for the screen."""
 
     t_ns: int
     elapsed_s: float
     link_up: bool
     counters: RecordingCounters
     latest: Mapping[str, Range]  # the last reading of each sensor
-    rate_hz: Mapping[str, float]  # readings a second of each sensor, since the last status
+    rate_hz: Mapping[str, float]  # readings a second of each sensor, of the last whole second
     pose: Pose | None
     hello: HelloReport | None
+    missing: Mapping[str, int]  # of each sensor, by its usual pace: an estimate
+    paused: bool
 
 
 def record(
@@ -62,24 +65,30 @@ def record(
     protocol: Protocol,
     clock: Clock,
     stop: threading.Event,
-    tracker: Tracker | None = None,
+    tracker: PoseSource | None = None,
     duration_s: float | None = None,
     on_status: Callable[[RecordingStatus], None] | None = None,
+    status_period_s: float = 1.0,
     wheels: WheelGeometry | None = None,
     sensors: Mapping[str, SensorParameters] | None = None,
     mounts: Sequence[Transform] = (),
+    send: Callable[[bytes], object] | None = None,
+    pause: threading.Event | None = None,
 ) -> RecordingCounters:
     """Write what ``source`` and ``tracker`` say to ``session`` until something ends it.
 
     It ends when ``stop`` is set, ``duration_s`` is over, the source ends, or the session cannot be
     written (``failure`` then says why; what was written stays). ``sensors`` adds to the built-in
-    ones and goes before them. ``mounts`` are written first. ``on_status`` is called once a second
-    in this thread; one that raises is not called again. The session is synced, not closed.
+    ones and goes before them. ``mounts`` are written first. ``on_status`` is called each
+    ``status_period_s`` in this thread; one that raises is not called again. What the protocol has
+    to tell the device goes to ``send``. While ``pause`` is set all is read and counted, but only
+    the diagnostics are written. The session is synced, not closed.
 
     Raises LinkError when a link cannot be opened at the beginning.
     """
     translator = Translator(sensors=sensors, wheels=wheels)
-    loop = _Loop(session, protocol, translator, clock, on_status)
+    screen = None if on_status is None else _Screen(on_status, status_period_s)
+    loop = _Loop(session, protocol, translator, clock, screen, send, pause)
     loop.begin(mounts, duration_s)
     feeds: dict[str, Callable[[threading.Event], Iterable[_Event]]] = {"link": source.events}
     if tracker is not None:
@@ -101,6 +110,32 @@ def record(
 _Event = Received | TrackerEvent
 
 
+class _Screen:
+    """Shows how it goes, each ``period_s``; one that fails must not cost the recording."""
+
+    def __init__(self, on_status: Callable[[RecordingStatus], None], period_s: float) -> None:
+        self._on_status: Callable[[RecordingStatus], None] | None = on_status
+        self._period_ns = round(period_s * NS_PER_S)
+        self._shown_ns: int | None = None
+
+    def due(self, now_ns: int) -> bool:
+        """Whether it is time again."""
+        if self._shown_ns is None:
+            self._shown_ns = now_ns
+        return self._on_status is not None and now_ns >= self._shown_ns + self._period_ns
+
+    def show(self, status: RecordingStatus) -> None:
+        """Show it now."""
+        self._shown_ns = status.t_ns
+        if self._on_status is None:
+            return
+        try:
+            self._on_status(status)
+        except Exception:
+            _log.exception("the status cannot be shown any more")
+            self._on_status = None
+
+
 class _Loop:
     """One recording: writes, counts, and says once a second how it goes."""
 
@@ -110,12 +145,18 @@ class _Loop:
         protocol: Protocol,
         translator: Translator,
         clock: Clock,
-        on_status: Callable[[RecordingStatus], None] | None,
+        screen: _Screen | None,
+        send: Callable[[bytes], object] | None,
+        pause: threading.Event | None,
     ) -> None:
         self._session = session
         self._protocol = protocol
         self._translator = translator
-        self._on_status = on_status
+        self._screen = screen
+        self._send = send
+        self._pause = pause
+        self._paused = False
+        self._protocol_failed = False
         self._now_ns = self._start_ns = self._told_ns = clock.now_ns()
         self._end_ns: int | None = None
         self._ended = ""
@@ -123,6 +164,8 @@ class _Loop:
         self._link_up = False
         self._latest: dict[str, Range] = {}
         self._readings: Counter[str] = Counter()
+        self._rate_hz: dict[str, float] = {}
+        self._cadences: defaultdict[str, Cadence] = defaultdict(Cadence)
         self._pose: Pose | None = None
 
     @property
@@ -134,6 +177,8 @@ class _Loop:
         """Write where everything sits, at the time of the beginning."""
         if duration_s is not None:
             self._end_ns = self._start_ns + round(duration_s * NS_PER_S)
+        if self._screen is not None:
+            self._screen.due(self._start_ns)
         self._write((self._start_ns, replace(mount, t_ns=self._start_ns)) for mount in mounts)
 
     def take(self, event: _Event, *, from_tracker: bool) -> None:
@@ -142,7 +187,7 @@ class _Loop:
         if self._ended:
             return
         if isinstance(event, Received):
-            self._packets(self._protocol.feed(event.data), event.arrival_ns)
+            self._packets(self._understood(event.data), event.arrival_ns)
         elif from_tracker or not isinstance(event, LinkEvent):
             self._write(self._translator.tracker_event(event))
         else:
@@ -150,6 +195,7 @@ class _Loop:
             self._link_up = event.state is not LinkState.LOST
             self._packets(self._protocol.close(), event.t_ns)
             self._translator.link_event(event)
+            self._greet()
 
     def tick(self, now_ns: int) -> None:
         """Time goes on to ``now_ns``; an earlier time than the latest moves nothing."""
@@ -157,8 +203,14 @@ class _Loop:
         if self._end_ns is not None and self._now_ns >= self._end_ns:
             self._now_ns = self._end_ns
             self._ended = self._ended or "the time is over"
-        if not self._ended and self._now_ns >= self._told_ns + _STATUS_PERIOD_NS:
+        if self._ended:
+            return
+        self._heed_pause()
+        if self._now_ns >= self._told_ns + _STATUS_PERIOD_NS:
             self._tell()
+            self._greet()
+        if self._screen is not None and self._screen.due(self._now_ns):
+            self._screen.show(self._status())
 
     def end(self, reason: str) -> RecordingCounters:
         """Write what waits and the last counters, and sync; ``reason`` unless there was another."""
@@ -166,6 +218,8 @@ class _Loop:
             self._write([(self._now_ns, raw_line(packet, self._now_ns))])
         self._ended = self._ended or reason
         self._tell()
+        if self._screen is not None:
+            self._screen.show(self._status())
         if not self._failure:
             try:
                 self._session.sync()
@@ -173,26 +227,61 @@ class _Loop:
                 self._fail(error)
         return self._counters()
 
+    def _understood(self, data: bytes) -> Sequence[Packet]:
+        """The packets in ``data``; a protocol of one's own that fails must not cost the bytes."""
+        try:
+            return self._protocol.feed(data)
+        except Exception:
+            if not self._protocol_failed:
+                _log.exception("the protocol %s failed", self._protocol.name)
+            self._protocol_failed = True
+            return [Packet(data, fault=Fault.MALFORMED)]
+
     def _packets(self, packets: Sequence[Packet], arrival_ns: int) -> None:
         for packet in packets:
             self._write(self._translator.packet(packet, arrival_ns))
+            self._say(packet.reply)
+
+    def _greet(self) -> None:
+        if self._link_up and self._send is not None:
+            self._say(self._protocol.greeting())
+
+    def _say(self, data: bytes) -> None:
+        if data and self._send is not None:
+            self._send(data)
+
+    def _heed_pause(self) -> None:
+        """Pause or go on as was asked; the session says when."""
+        paused = self._pause is not None and self._pause.is_set()
+        if paused != self._paused:
+            self._paused = paused
+            self._translator.tally["pauses"] += paused
+            self._diagnose()
 
     def _write(self, messages: Iterable[tuple[int, Message]]) -> None:
         """The first error of the disk is the last: what is on it stays readable."""
         for log_ns, message in messages:
             if self._failure:
                 return
+            self._look_at(message)
+            if self._paused and not isinstance(message, Diagnostics):
+                self._translator.tally["paused_messages"] += not isinstance(message, RawLine)
+                continue
             try:
                 self._session.write(message, log_ns=log_ns)
             except OSError as error:
                 self._fail(error)
                 return
             self._translator.tally["written"] += 1
-            if isinstance(message, Range):
-                self._latest[message.sensor] = message
-                self._readings[message.sensor] += 1
-            elif isinstance(message, Pose):
-                self._pose = message
+
+    def _look_at(self, message: Message) -> None:
+        """Keep what the screen shows."""
+        if isinstance(message, Range):
+            self._latest[message.sensor] = message
+            self._readings[message.sensor] += 1
+            self._cadences[message.sensor].reading(message.t_ns)
+        elif isinstance(message, Pose):
+            self._pose = message
 
     def _fail(self, error: OSError) -> None:
         self._failure = " ".join(str(error.strerror or error).split()) or type(error).__name__
@@ -203,26 +292,29 @@ class _Loop:
         return RecordingCounters(**self._translator.tally, ended=self._ended, failure=self._failure)
 
     def _tell(self) -> None:
-        """The counters, into the session and onto the screen."""
-        hello = self._translator.hello
-        words = {"robot": hello.robot, "firmware": hello.firmware} if hello is not None else {}
-        counters: dict[str, int | float | str] = {**self._counters().numbers(), **words}
-        self._write([(self._now_ns, Diagnostics(self._now_ns, DIAGNOSTICS_NAME, counters))])
+        """Once a second: the counters into the session, and the rates of that second."""
+        self._diagnose()
         since_s = (self._now_ns - self._told_ns) / NS_PER_S
         self._told_ns = self._now_ns
-        rate_hz = {name: n / since_s for name, n in self._readings.items() if since_s > 0.0}
+        if since_s > 0.0:
+            self._rate_hz = {name: n / since_s for name, n in self._readings.items()}
         self._readings = Counter(dict.fromkeys(self._latest, 0))
-        if self._on_status is None:
-            return
-        status = RecordingStatus(
+
+    def _diagnose(self) -> None:
+        """Write the counters."""
+        hello = self._translator.hello
+        words = {"robot": hello.robot, "firmware": hello.firmware} if hello is not None else {}
+        words["state"] = "paused" if self._paused else "recording"
+        counters: dict[str, int | float | str] = {**self._counters().numbers(), **words}
+        self._write([(self._now_ns, Diagnostics(self._now_ns, DIAGNOSTICS_NAME, counters))])
+
+    def _status(self) -> RecordingStatus:
+        return RecordingStatus(
             self._now_ns, (self._now_ns - self._start_ns) / NS_PER_S, self._link_up,
-            self._counters(), dict(self._latest), rate_hz, self._pose, hello,
+            self._counters(), dict(self._latest), self._rate_hz, self._pose,
+            self._translator.hello,
+            {name: cadence.missing for name, cadence in self._cadences.items()}, self._paused,
         )  # fmt: skip
-        try:
-            self._on_status(status)
-        except Exception:  # a screen that fails must not cost the recording
-            _log.exception("the status cannot be shown any more")
-            self._on_status = None
 
 
 def _time_of(event: _Event) -> int:

@@ -2,57 +2,119 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterator
+import datetime
+import json
+from collections.abc import Callable, Iterator, Mapping
 
-from recorder.messages import Radiation, Range, Record
-from recorder.session import Session
+from recorder.oddities import oddities
+from recorder.session import SessionReader
+from recorder.session_parts import PART, parts_beside
+from recorder.survey import Readings, Survey, Times, Track
 
-_NS_PER_S = 1e9
-_INFRARED_LIMIT_M = 0.8  # the infrared ranger of this robot never measures farther
-_GAP_FACTOR = 5.0
+_LONGEST_VALUE = 100
+_PROGRESS_EVERY = 2000
+_FIRST_PLAUSIBLE_S = 86_400 * 365  # earlier times are not counted from 1970
 
 
-def summary_lines(session: Session) -> Iterator[str]:
-    """One line a topic: count, rate, gaps and ranges; then what is odd and what was lost."""
-    yield f"{session.path.name}: {len(session.records)} messages"
-    by_topic: dict[str, list[Record]] = {}
-    for record in session.records:
-        by_topic.setdefault(record.topic, []).append(record)
-    for topic in sorted(by_topic):
-        yield f"  {topic:20} {_describe(by_topic[topic])}"
-    for key, value in session.metadata.items():
-        yield f"  {key} = {value}"
-    for name, data in session.attachments.items():
+def summary_lines(
+    reader: SessionReader, progress: Callable[[int], None] | None = None
+) -> Iterator[str]:
+    """One line a topic: count, rate, gaps and values; then what is odd and what was lost.
+
+    The session is gone through once, in constant memory; ``progress(bytes)`` is called now and
+    then. Raises BadInput, before the first line, where nothing of the file can be used.
+    """
+    survey = Survey()
+    for number, record in enumerate(reader.records()):
+        survey.take(record)
+        if progress is not None and number % _PROGRESS_EVERY == 0:
+            progress(reader.position)
+    yield f"{reader.path.name}: {reader.messages} messages{_when(survey)}"
+    for channel in sorted(reader.channels.values(), key=lambda c: c.topic):
+        text = f"{channel.messages:7}"
+        if channel.understood:
+            yield f"  {channel.topic:20} {text}  {_describe(channel.topic, survey)}".rstrip()
+        else:
+            kind = channel.type_name or "no definition"
+            yield f"  {channel.topic:20} {text}  not understood ({kind})"
+    yield from _metadata(reader.metadata)
+    for name, data in reader.attachments.items():
         yield f"  attachment {name}, {len(data)} bytes"
-    yield from (f"  lost: {reason}" for reason in session.damage)
+    yield from _parts(reader)
+    for finding in oddities(survey, reader.metadata):
+        yield f"  odd: {finding}"
+    if reader.unverified:
+        yield f"  odd: no checksum covers {reader.unverified} messages (another program's file)"
+    yield from (f"  lost: {reason}" for reason in reader.damage)
 
 
-def _describe(records: list[Record]) -> str:
-    times = [record.message.t_ns for record in records]
-    span_s = (max(times) - min(times)) / _NS_PER_S
-    text = f"{len(records):6}"
-    if span_s > 0:
-        text += f"  {(len(records) - 1) / span_s:6.1f}/s  {_gaps(times)}"
-    readings = [r.message for r in records if isinstance(r.message, Range)]
-    return text + _ranges(readings) if readings else text
-
-
-def _gaps(times: list[int]) -> str:
-    steps = [b - a for a, b in itertools.pairwise(times)]
-    usual = sorted(steps)[len(steps) // 2]
-    long = sum(step > _GAP_FACTOR * max(usual, 1) for step in steps)
-    back = sum(step < 0 for step in steps)
-    return f"gaps {long}" + (f"  clock back {back}" if back else "")
-
-
-def _ranges(readings: list[Range]) -> str:
-    seen = [r.range_m for r in readings if math.isfinite(r.range_m)]
-    if not seen:
-        return "  saw nothing"
-    text = f"  {min(seen):.2f} to {max(seen):.2f} m, {len(readings) - len(seen)} saw nothing"
-    infrared = readings[0].radiation is Radiation.INFRARED
-    if infrared and max(seen) > _INFRARED_LIMIT_M:
-        text += "  ODD: infrared beyond 0.8 m; are the columns swapped?"
+def _when(survey: Survey) -> str:
+    """Begin and length of a session."""
+    measured = [times for topic, times in survey.times.items() if topic != "/tf_static"]
+    if not measured:
+        return ""
+    first_ns = min(times.first_ns for times in measured)
+    last_ns = max(times.newest_ns for times in measured)
+    text = f", {(last_ns - first_ns) / 1e9:.1f} s"
+    if first_ns / 1e9 > _FIRST_PLAUSIBLE_S:
+        begin = datetime.datetime.fromtimestamp(first_ns / 1e9, datetime.UTC)
+        text += f", from {begin:%Y-%m-%d %H:%M:%S} UTC"
     return text
+
+
+def _describe(topic: str, survey: Survey) -> str:
+    times = survey.times.get(topic)
+    if times is None:
+        return ""
+    pieces = []
+    if times.span_s > 0.0:
+        pieces += [f"{times.rate_hz:7.1f}/s", _gaps(times, survey)]
+    if topic in survey.readings:
+        pieces.append(_ranges(survey.readings[topic]))
+    if topic in survey.tracks:
+        pieces.append(_extent(survey.tracks[topic]))
+    if topic in survey.sweeps:
+        sweeps = survey.sweeps[topic]
+        pieces.append(f"{sweeps.seen / max(sweeps.beams, 1):.0%} of {sweeps.beams} beams saw")
+    return "  ".join(piece for piece in pieces if piece)
+
+
+def _gaps(times: Times, survey: Survey) -> str:
+    if not times.gaps:
+        return "no gaps"
+    at_s = survey.seconds_at(times.longest_at_ns)
+    return f"gaps {times.gaps} (longest {times.longest_ns / 1e9:.2f} s, at {at_s:.1f} s)"
+
+
+def _ranges(readings: Readings) -> str:
+    kind = readings.radiation.name.lower()
+    if not readings.finite:
+        return f"{kind}, saw nothing"
+    text = f"{kind} {readings.least_m:.2f} to {readings.most_m:.2f} m, {readings.nothing} saw none"
+    return text + (f", {readings.too_close} too close" if readings.too_close else "")
+
+
+def _extent(track: Track) -> str:
+    if track.count == track.unusable:
+        return ""
+    (x0, y0), (x1, y1) = track.least_m, track.most_m
+    return f"x {x0:.2f} to {x1:.2f} m, y {y0:.2f} to {y1:.2f} m"
+
+
+def _metadata(metadata: Mapping[str, object]) -> Iterator[str]:
+    for key, value in metadata.items():
+        if key == "recovered" and isinstance(value, Mapping):
+            yield f"  recovered from {value.get('from')}, where was lost:"
+            lost = value.get("lost", [])
+            yield from (f"    {line}" for line in (lost if isinstance(lost, list) else [lost]))
+        elif key != PART:
+            text = value if isinstance(value, str) else json.dumps(value)
+            shown = text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
+            yield f"  {key} = {shown}"
+
+
+def _parts(reader: SessionReader) -> Iterator[str]:
+    match reader.metadata.get(PART):
+        case {"number": int(number)}:
+            others = ", ".join(part.name for part in parts_beside(reader.path, number)) or "none"
+            yield f"  part {number} of a recording; other parts beside it: {others}"

@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import threading
+import typing
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -44,6 +45,13 @@ class BadTrackerLine:
 
 
 TrackerEvent = TrackedPose | BadTrackerLine | LinkEvent
+
+
+class PoseSource(typing.Protocol):
+    """Where poses come from, as a :class:`recorder.link.ByteSource` is where bytes do."""
+
+    def events(self, stop: threading.Event) -> Iterator[TrackerEvent]:
+        """Poses, bad lines and changes of state in order of arrival, until ``stop`` is set."""
 
 
 class Tracker:

@@ -48,6 +48,9 @@ class RecordingCounters:
     cut: int = 0
     overlong: int = 0
     noise: int = 0  # stretches of bytes that belong to no line
+    header: int = 0  # words above columns of numbers
+    blank: int = 0  # lines of nothing
+    invalid_values: int = 0  # in lines that were received: no measurement, says the device
     gaps: int = 0  # never arrived soundly, by their sequence numbers
     duplicates: int = 0  # with the sequence number of the line before
     reconnects: int = 0
@@ -57,6 +60,8 @@ class RecordingCounters:
     tracker_bad_lines: int = 0
     tracker_dated_by_arrival: int = 0  # poses whose own time was missing or not to be believed
     tracker_reconnects: int = 0
+    pauses: int = 0
+    paused_messages: int = 0  # understood while paused, and thus not in the session
     written: int = 0  # messages in the session
     ended: str = ""  # why the recording ended
     failure: str = ""  # why the session could not be written any more, if so
@@ -96,9 +101,12 @@ class Translator:
         else:
             self.tally["received"] += 1
         t_ns = self._measured_ns(packet, arrival_ns)
-        message = None if packet.report is None else self._message(packet.report, t_ns)
-        if message is not None:
-            yield arrival_ns, message
+        self.tally["invalid_values"] += packet.invalid
+        reports = () if packet.report is None else (packet.report, *packet.more)
+        for report in reports:
+            message = self._message(report, t_ns)
+            if message is not None:
+                yield arrival_ns, message
 
     def link_event(self, event: LinkEvent) -> None:
         """The serial link was opened, lost or opened again."""

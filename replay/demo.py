@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 
 from recorder.errors import OutputExists
 
 
-def demo_folder(asked: Path | None, *, force: bool) -> Path:
-    """The folder to write into: the asked one, or ``echogrid-demo``, numbered when it is taken."""
+def new_folder(asked: Path | None, name: str, *, force: bool) -> Path:
+    """The folder to write into: the asked one, or ``name`` here, numbered when it is taken."""
     if asked is not None:
         if asked.exists() and any(asked.iterdir()) and not force:
             raise OutputExists(asked)
         asked.mkdir(parents=True, exist_ok=True)
         return asked
     number = 1
-    folder = Path("echogrid-demo")
+    folder = Path(name)
     while folder.exists():
         number += 1
-        folder = Path(f"echogrid-demo-{number}")
+        folder = Path(f"{name}-{number}")
     folder.mkdir(parents=True)
     return folder
 
@@ -27,14 +28,20 @@ def record_demo(
     session: Path, *, room: str, duration_s: float, seed: int, speed: float, quiet: bool
 ) -> None:
     """Record the simulated robot over a pseudo-terminal, its poses over TCP."""
-    from recorder.cli.record import record_line
-    from recorder.simulator.room_files import room_to_geojson
-    from recorder.simulator.rooms import load_room
-    from recorder.simulator.serial_robot import SerialRobot
+    from recorder.controls import Controls, signals
+    from recorder.recording_options import RecordingOptions
+    from recorder.recording_run import opened_source, record_line
+    from recorder.screen import open_screen
 
-    place = load_room(room)
-    with SerialRobot(place, seed=seed, speed=speed) as robot:
+    controls = Controls()
+    plan = RecordingOptions(duration_s=duration_s, force=True)
+    with ExitStack() as stack:
+        line, known = stack.enter_context(
+            opened_source(f"sim:{room}", plan, seed=seed, speed=speed)
+        )
+        stack.enter_context(signals(controls))
+        on_status, period_s = (None, 1.0) if quiet else open_screen(stack, session, keys=False)
         record_line(
-            str(robot.device), session, tracker=robot.tracker_url, duration_s=duration_s,
-            mounts=robot.mount_transforms(), walls=room_to_geojson(place), force=True, quiet=quiet,
+            line, session, known, stop=controls.stop, on_status=on_status,
+            status_period_s=period_s,
         )  # fmt: skip

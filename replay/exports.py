@@ -25,7 +25,7 @@ from PIL import Image
 from mapping.artifacts import Artifact, Border, Finished, RawPoints, Segment, Snapshot
 from mapping.grid import Layer
 from recorder.errors import BadInput, OutputExists
-from replay.vector_files import segments_geojson
+from replay.vector_files import segments_geojson, vector_dxf, vector_svg
 
 OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.25
@@ -57,9 +57,8 @@ class Exporter:
     def __call__(self, artifact: Artifact) -> None:
         """Keep what a file needs. Raises BadInput for a layer's name that no file can have."""
         match artifact:
-            case Snapshot(final=True):
-                _check_name(artifact.layer.name)
-                self._snapshots[artifact.layer.name] = artifact
+            case Snapshot():
+                self._begin_layer(artifact)
             case Border():
                 self._borders.append(artifact)
             case Segment():
@@ -70,6 +69,15 @@ class Exporter:
                 self._finished = artifact
             case _:
                 pass
+
+    def _begin_layer(self, snapshot: Snapshot) -> None:
+        """Keep the last map; the borders and lines of an earlier one are no results."""
+        name = snapshot.layer.name
+        self._borders = [b for b in self._borders if b.layer != name]
+        self._segments = [s for s in self._segments if s.layer != name or s.source != "grid"]
+        if snapshot.final:
+            _check_name(name)
+            self._snapshots[name] = snapshot
 
     def close(self) -> None:
         """Write every file. Raises BadInput when the directory cannot be written."""
@@ -93,6 +101,8 @@ class Exporter:
             yield f"{name}.borders.json", borders_json(borders).encode()
             yield f"{name}.segments.geojson", segments_geojson(on_grid).encode()
             yield f"{name}.raw-segments.geojson", segments_geojson(raw).encode()
+            yield f"{name}.dxf", vector_dxf(on_grid, borders).encode()
+            yield f"{name}.svg", vector_svg(on_grid, borders).encode()
             points = [p for p in self._points if p.layer == name]
             yield f"{name}.points.csv", points_csv(points).encode()
         yield "summary.json", self._summary().encode()

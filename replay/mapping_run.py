@@ -14,6 +14,7 @@ from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.pipeline import build_maps
+from mapping.probing import CellProbe
 from recorder.errors import OutputExists
 from recorder.session import WALLS, Session, read_session
 from replay.exports import Exporter
@@ -28,30 +29,39 @@ class RunResult:
     finished: Finished
     damage: tuple[str, ...]
     left_out: str
+    probes: tuple[CellProbe, ...] = ()
+    rrd: Path | None = None
 
 
 def map_session(
     path: Path,
     config: MappingConfig,
     *,
+    more: Sequence[Path] = (),
     rrd: Path | None,
     export: Path | None,
+    probes: Sequence[tuple[float, float]] = (),
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> RunResult:
     """Map a session into a recording and a directory of files, each where it is asked for.
 
+    ``more`` are further parts of the session, or further sessions of the same robot and place.
+    ``probes`` are points of the map (metres) whose cells are followed.
     ``progress(reading, readings)`` is called now and then. Raises an EchogridError in one line.
     """
     if rrd is not None and rrd.exists() and not force:
         raise OutputExists(rrd)
-    session = read_session(path)
+    session = read_session(path, *more)
     text = commented_toml(config)
-    artifacts = build_maps(session.messages(), config, walls_m=_walls(session))
-    takers: list[Callable[[Artifact], None]] = []
+    artifacts = build_maps(session.messages(), config, walls_m=true_walls(session))
+    watched = tuple(CellProbe(at_m) for at_m in probes)
+    takers: list[Callable[[Artifact], None]] = [*watched]  # before the writer, which draws them
     with ExitStack() as stack:
         exporter = None
         first = next(artifacts)  # a session that cannot be mapped leaves no file behind
+        for probe in watched:
+            probe(first)  # nor does a cell outside the grid
         if export is not None:
             exporter = Exporter(
                 export, config_text=text, config=config.model_dump(mode="json"), force=force
@@ -59,16 +69,10 @@ def map_session(
             takers.append(exporter)
         writer = None
         if rrd is not None:
-            from replay.rrd.writer import RrdWriter
+            from replay.rrd.run_writer import RunWriter
 
             writer = stack.enter_context(
-                RrdWriter(
-                    rrd,
-                    config_text=text,
-                    name=path.name,
-                    every=config.rerun.every,
-                    budget_mb=config.rerun.budget_mb,
-                )
+                RunWriter(rrd, config, config_text=text, name=path.name, probes=watched)
             )
             takers.append(writer)
         kept = _run(first, artifacts, takers, progress, len(session.records))
@@ -78,7 +82,7 @@ def map_session(
     segments = tuple(a for a in kept if isinstance(a, Segment))
     finished = next(a for a in kept if isinstance(a, Finished))
     left_out = "" if writer is None else writer.left_out
-    return RunResult(snapshots, segments, finished, session.damage, left_out)
+    return RunResult(snapshots, segments, finished, session.damage, left_out, watched, rrd)
 
 
 def _run(
@@ -95,6 +99,8 @@ def _run(
     while artifact is not None:
         for take in takers:
             take(artifact)
+        if isinstance(artifact, Snapshot):  # lines of an earlier stage are no results
+            kept = [each for each in kept if not isinstance(each, Segment)]
         if isinstance(artifact, Segment | Finished) or (
             isinstance(artifact, Snapshot) and artifact.final
         ):
@@ -105,7 +111,7 @@ def _run(
     return kept
 
 
-def _walls(session: Session) -> NDArray[np.float64] | None:
+def true_walls(session: Session) -> NDArray[np.float64] | None:
     """The true walls of a simulated room, where the session carries them."""
     if WALLS not in session.attachments:
         return None

@@ -7,6 +7,9 @@ is one, so that thin walls stay.
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +17,7 @@ from mapping.artifacts import Finished
 
 _UNKNOWN, _FREE, _UNDECIDED, _WALL = range(4)
 _PLAIN = {_UNKNOWN: "·", _FREE: " ", _UNDECIDED: "░"}
+_NARROWEST, _WIDEST, _GAP = 24, 72, 2  # columns of maps that stand beside each other
 _WALLS = {(True, True): "█", (True, False): "▀", (False, True): "▄"}
 
 
@@ -39,6 +43,41 @@ def picture(
         "".join(_character(u, v) for u, v in zip(top, bottom, strict=True))
         for top, bottom in zip(upper, lower, strict=True)
     ]
+    return "\n".join(lines)
+
+
+def pictures_beside(
+    maps: Mapping[str, tuple[NDArray[np.floating], NDArray[np.bool_], float]], width: int = 80
+) -> str:
+    """Several maps (probability, observed, threshold), named, in as many columns as fit.
+
+    All in one scale: a square covers as many cells in each of them, if their grids are alike.
+    """
+    per_row = min(max((width + _GAP) // (_NARROWEST + _GAP), 1), len(maps))
+    each = min((width - _GAP * (per_row - 1)) // per_row, _WIDEST)
+    blocks = [
+        [name, *picture(p, seen, width=each, threshold=threshold).splitlines()]
+        for name, (p, seen, threshold) in maps.items()
+    ]
+    lines: list[str] = []
+    for first in range(0, len(blocks), per_row):
+        row = blocks[first : first + per_row]
+        lines += [
+            (" " * _GAP).join(f"{part[:each]:<{each}}" for part in line).rstrip()
+            for line in itertools.zip_longest(*row, fillvalue="")
+        ]
+        lines.append("")
+    return "\n".join(lines[:-1])
+
+
+def table_text(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of words in columns: the first one to the left, numbers to the right."""
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    lines = []
+    for row in rows:
+        cells = [f"{row[0]:<{widths[0]}}"]
+        cells += [f"{cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True)]
+        lines.append("  ".join(cells).rstrip())
     return "\n".join(lines)
 
 

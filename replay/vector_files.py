@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from html import escape
 from types import MappingProxyType
 from typing import Any
@@ -94,11 +95,13 @@ def _closed_outline(border: Border) -> list[tuple[float, float]]:
 def vector_dxf(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:
     """A DXF drawing (R2010, units metres) with lines and closed polylines.
 
-    The drawing's layers are ``NAME segments`` and ``NAME borders``.
+    The drawing's layers are ``NAME segments`` and ``NAME borders``. The same lines give the same
+    text: dates and identifiers are fixed.
     """
     from ezdxf.filemanagement import new
 
-    drawing = new("R2010", units=_METRES)
+    with _fixed_dates():
+        drawing = new("R2010", units=_METRES)
     model = drawing.modelspace()
 
     def layer_for(name: str, what: str) -> str:
@@ -114,9 +117,26 @@ def vector_dxf(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> s
     for segment in segments:
         where = {"layer": layer_for(segment.layer, "segments")}
         model.add_line(segment.start_m, segment.end_m, dxfattribs=where)
+    # ezdxf itself goes through a set of names here, in another order in each process
+    for kind in sorted(drawing.entitydb.dxf_types_in_use()):
+        drawing.classes.add_class(kind)
     text = io.StringIO()
-    drawing.write(text)
+    with _fixed_dates():
+        drawing.write(text)
     return text.getvalue()
+
+
+@contextmanager
+def _fixed_dates() -> Iterator[None]:
+    """Let ezdxf write a fixed date and fixed identifiers; its own switch, set back afterwards."""
+    from ezdxf import options  # type: ignore[attr-defined]  # its documented place
+
+    before = options.write_fixed_meta_data_for_testing
+    options.write_fixed_meta_data_for_testing = True
+    try:
+        yield
+    finally:
+        options.write_fixed_meta_data_for_testing = before
 
 
 def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:

@@ -9,7 +9,7 @@ import contextlib
 import subprocess
 import sys
 import webbrowser
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from recorder.errors import BadInput
@@ -70,6 +70,33 @@ def screenshot(
         viewer.go_to(step)
         viewer.screenshot(view).save(out_png)
         return viewer.complaints
+
+
+@contextlib.contextmanager
+def waiting_viewer(
+    *, web: bool = False, announce: Callable[[str], None] | None = None, browser: bool = True
+) -> Iterator[str]:
+    """An empty viewer, and the address at which it takes what is logged.
+
+    A window stays when the context ends; with ``web`` the page is served as long as the context.
+    Raises BadInput where there is no display for a window.
+    """
+    if web:
+        from replay.rrd.web import WebViewer
+
+        with WebViewer() as viewer:
+            if announce is not None:
+                announce(viewer.url)
+            if browser:
+                webbrowser.open(viewer.url)
+            yield viewer.source
+        return
+    if not has_display():
+        raise BadInput(NO_DISPLAY)
+    from replay.rrd.viewer_process import ViewerProcess
+
+    window = ViewerProcess(lambda ports: ["--port", str(ports[0])], 1, own_session=True)
+    yield f"rerun+http://{LOCAL}:{window.ports[0]}/proxy"
 
 
 def _serve(path: Path, announce: Callable[[str], None] | None, browser: bool) -> None:

@@ -9,6 +9,9 @@ import tty
 from collections.abc import Iterator
 from pathlib import Path
 
+import serial
+import serial.rfc2217
+
 from recorder.link import ByteSource, LinkEvent, Received
 
 
@@ -41,6 +44,10 @@ class PtyDevice:
         while data:
             data = data[os.write(self._fds[0], data) :]
 
+    def read(self) -> bytes:
+        assert self._fds is not None
+        return os.read(self._fds[0], 4096)
+
     def unplug(self) -> None:
         assert self._fds is not None
         self.path.unlink()
@@ -65,6 +72,11 @@ class TcpServer:
         assert self._client is not None
         self._client.sendall(data)
 
+    def receive(self) -> bytes:
+        assert self._client is not None
+        self._client.settimeout(20)
+        return self._client.recv(4096)
+
     def hang_up(self) -> None:
         assert self._client is not None
         self._client.close()
@@ -73,6 +85,38 @@ class TcpServer:
         self._listener.close()
         if self._client is not None:
             self._client.close()
+
+
+class Rfc2217Server(threading.Thread):
+    """Serves a pyserial loop port to one client, as ser2net does for a real one."""
+
+    def __init__(self) -> None:
+        super().__init__(daemon=True)
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        self.to_send = b""
+        self.start()
+
+    def run(self) -> None:
+        client, _ = self._listener.accept()
+        device = serial.serial_for_url("loop://", timeout=0)
+        connection = threading.Event()
+        writer = type("Writer", (), {"write": lambda _, data: client.sendall(data)})()
+        manager = serial.rfc2217.PortManager(device, writer)
+        client.settimeout(0.05)
+        while not connection.is_set():
+            if self.to_send:
+                client.sendall(b"".join(manager.escape(self.to_send)))
+                self.to_send = b""
+            try:
+                data = client.recv(1024)
+            except TimeoutError:
+                continue
+            if not data:
+                connection.set()
+            list(manager.filter(data))
+        client.close()
+        self._listener.close()
 
 
 class ScriptedSource:

@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 ROOMS = ("recorder", "mapping", "replay")  # each may import itself and those before it
 DOORS = {
     "serial": ("recorder/link.py",),
-    "mcap": ("recorder/session.py", "recorder/session_damage.py"),
+    "mcap": ("recorder/session_",),
     "mcap_ros2": ("recorder/ros_types.py",),
     "numba": ("mapping/kernels/", "mapping/line_kernels/"),
     "rerun": ("replay/rrd/",),

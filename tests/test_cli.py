@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from echogrid import main
-from recorder.session import read_session
+from recorder.session import Limits, PartedWriter, read_session
 
 
 @pytest.fixture(scope="module")
@@ -105,3 +105,21 @@ def test_the_real_arena_has_its_size(shared_data: Path, tmp_path: Path) -> None:
     # Nobody surveyed the arena: 213 x 160 cm is an estimate, and walls in the map have a width.
     assert longer_m == pytest.approx(2.13, rel=0.07)
     assert shorter_m == pytest.approx(1.60, rel=0.07)
+
+
+def test_parts_of_a_session_are_mapped_as_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, parts = tmp_path / "whole.mcap", tmp_path / "parts.mcap"
+    assert main(["simulate", "room", "-o", str(whole), "--duration", "6", "--quiet"]) == 0
+    limits = Limits(split_s=2.0)
+    with PartedWriter(parts, limits, metadata=read_session(whole).metadata) as writer:
+        for record in read_session(whole).records:
+            writer.write(record.message, log_ns=record.log_ns)
+    files = sorted(str(path) for path in tmp_path.glob("parts*.mcap"))
+    assert len(files) > 2
+    coarse = ["-o", "-", "--set", "grid.resolution_m=0.05"]
+    assert main(["map", str(whole), *coarse]) == 0
+    said_of_whole = capsys.readouterr().out
+    assert main(["map", *files, *coarse]) == 0
+    assert capsys.readouterr().out == said_of_whole

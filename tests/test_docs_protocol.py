@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from recorder.clock import NS_PER_S
+from recorder.protocols import PROTOCOLS, make_protocol
 from recorder.protocols.echogrid import KINDS, EchogridProtocol, encode
 from recorder.protocols.reports import (
     Fault,
@@ -90,6 +91,54 @@ def test_the_c_code_gives_the_same_checksum(tmp_path: Path) -> None:
     said = subprocess.run([program, *bodies], check=True, capture_output=True, text=True).stdout
     assert said.split() == [f"{zlib.crc32(body.encode()):08X}" for body in bodies]
     assert said.startswith("CBF43926")
+
+
+def test_the_rows_are_read_as_the_page_says() -> None:
+    (block,) = blocks("csv")
+    columns = re.search(r"--columns (\S+)", PAGE)
+    assert columns is not None
+    protocol = make_protocol("csv", columns.group(1))
+    header, *rows = protocol.feed(b"\n" + block.encode())[1:]
+    assert header.fault is Fault.HEADER
+    assert [row.device_ms for row in rows] == [1250, 1300, 1350]
+    assert [[row.report, *row.more] for row in rows] == [
+        [RangeReport("ping", pytest.approx(0.523)), RangeReport("dirrs", pytest.approx(0.35))],
+        [RangeReport("ping", pytest.approx(0.521))],
+        [RangeReport("ping", math.inf), RangeReport("dirrs", pytest.approx(0.348))],
+    ]
+
+
+def test_the_protocol_of_ones_own_works_as_it_stands(tmp_path: Path) -> None:
+    (example,) = blocks("python")
+    path = tmp_path / "my_robot.py"
+    path.write_text(example)
+    protocol = make_protocol(str(path))
+    assert (protocol.name, protocol.default_baud) == ("my-robot", 57600)
+    packets = protocol.feed(b"cut\r\nS 523\r\nI 81\r\nbattery low\r\nS 5x\r\n")
+    assert [packet.report for packet in packets[1:4]] == [
+        RangeReport("ping", 0.523),
+        RangeReport("dirrs", 0.081),
+        LogReport("battery low"),
+    ]
+    assert [packet.fault for packet in packets[::4]] == [Fault.NOISE, Fault.MALFORMED]
+
+
+def test_the_table_of_protocols_is_that_of_the_code() -> None:
+    table = {
+        name: (checked == "yes", int(baud))
+        for name, checked, baud in re.findall(
+            r"^\| \[`(\w+)`\]\([^)]+\) \| [^|]+ \| (yes|no) \| (\d+) \|$", PAGE, re.MULTILINE
+        )
+    }
+    assert table == {n: (p.checked, p.default_baud) for n, p in PROTOCOLS.items()}
+
+
+def test_every_link_within_the_page_leads_somewhere() -> None:
+    headings = re.findall(r"^#+ (.*)$", PAGE, re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", h.lower()).replace(" ", "-") for h in headings}
+    targets = set(re.findall(r"\]\(#([^)]+)\)", PAGE))
+    assert targets
+    assert targets <= anchors
 
 
 def test_the_tracker_line_is_a_pose() -> None:

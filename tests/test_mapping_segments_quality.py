@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from benchmarks.lines import angle_floor_deg, calibration, quality
-from benchmarks.made_up_scans import MadeUpScan, made_up_scan
+from benchmarks.lines import calibration, quality
+from benchmarks.made_up_scans import BOXES_M, MadeUpScan, angle_bound_rad, made_up_scan
 
 SIGMA_M = 0.01
 # Recall and precision in %, angle in degrees, ends in cm. The ordered methods use more than the
@@ -38,9 +38,21 @@ def test_lines_of_simulated_scans(name: str, scans: list[MadeUpScan]) -> None:
     assert 100 * score.end_median_m <= ends_cm
 
 
-def test_angles_are_about_as_good_as_the_noise_allows(scans: list[MadeUpScan]) -> None:
+@pytest.mark.parametrize("boxes", BOXES_M)
+def test_angles_are_about_as_good_as_the_noise_allows(boxes: str) -> None:
+    rng = np.random.default_rng(20_261_123)
+    scans = [made_up_scan(rng, sigma_m=SIGMA_M, box_m=BOXES_M[boxes]) for _ in range(250)]
     score, _ = quality(scans, "split-and-merge", SIGMA_M)
-    assert score.angle_rms_deg < 1.25 * angle_floor_deg(scans, SIGMA_M)
+    assert score.recall >= 0.99
+    assert score.precision >= 0.995
+    assert score.angle_rms_deg < 1.25 * score.angle_bound_deg
+
+
+def test_the_bound_of_an_even_row_of_points_is_the_textbook_one() -> None:
+    x = np.linspace(-0.5, 0.5, 201)
+    far = np.column_stack([x, np.full_like(x, 1000.0)])  # all beams meet the wall squarely
+    bound = angle_bound_rad(far, np.array([1.0, 0.0]), SIGMA_M)
+    assert bound == pytest.approx(SIGMA_M * np.sqrt(12 / 201) / 1.0, rel=0.01)
 
 
 @pytest.mark.parametrize("told", [True, False], ids=["noise given", "noise from the residuals"])

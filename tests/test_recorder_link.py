@@ -7,9 +7,7 @@ import threading
 from pathlib import Path
 
 import pytest
-import serial
-import serial.rfc2217
-from fake_links import Collector, ManualClock, PtyDevice, TcpServer
+from fake_links import Collector, ManualClock, PtyDevice, Rfc2217Server, TcpServer
 
 from recorder.clock import HostClock
 from recorder.errors import BadInput, LinkError
@@ -171,38 +169,6 @@ def test_each_datagram_ends_a_line() -> None:
     assert collector.data == b"a\nb\nc\n"
 
 
-class Rfc2217Server(threading.Thread):
-    """Serves a pyserial loop port to one client, as ser2net does for a real one."""
-
-    def __init__(self) -> None:
-        super().__init__(daemon=True)
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.port: int = self._listener.getsockname()[1]
-        self.to_send = b""
-        self.start()
-
-    def run(self) -> None:
-        client, _ = self._listener.accept()
-        device = serial.serial_for_url("loop://", timeout=0)
-        connection = threading.Event()
-        writer = type("Writer", (), {"write": lambda _, data: client.sendall(data)})()
-        manager = serial.rfc2217.PortManager(device, writer)
-        client.settimeout(0.05)
-        while not connection.is_set():
-            if self.to_send:
-                client.sendall(b"".join(manager.escape(self.to_send)))
-                self.to_send = b""
-            try:
-                data = client.recv(1024)
-            except TimeoutError:
-                continue
-            if not data:
-                connection.set()
-            list(manager.filter(data))
-        client.close()
-        self._listener.close()
-
-
 def test_a_serial_port_over_the_network() -> None:
     server = Rfc2217Server()
     collector = Collector(Link(f"rfc2217://127.0.0.1:{server.port}", clock=HostClock()))
@@ -212,3 +178,47 @@ def test_a_serial_port_over_the_network() -> None:
     collector.finish()
     server.join(20)
     assert not server.is_alive()
+
+
+def test_what_is_written_arrives(tmp_path: Path) -> None:
+    device, server = PtyDevice(tmp_path / "robot"), TcpServer()
+    device.plug()
+    for url, hear in (
+        (str(device.path), device.read),
+        (f"tcp://127.0.0.1:{server.port}", server.receive),
+    ):
+        link = Link(url, clock=ManualClock())
+        assert not link.write(b"too early")
+        link.open()
+        if url.startswith("tcp"):
+            server.accept()
+        assert link.write(b"\x0a")
+        assert link.write(b"\x0bmore")
+        heard = b""
+        while len(heard) < 6:
+            heard += hear()
+        assert heard == b"\x0a\x0bmore"
+        link.close()
+        assert not link.write(b"too late")
+    device.unplug()
+    server.close()
+
+
+def test_who_only_listens_cannot_write() -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    link = Link(f"udp://127.0.0.1:{port}", clock=ManualClock())
+    link.open()
+    assert not link.write(b"x")
+    link.close()
+
+
+def test_writing_to_a_line_that_hung_up_is_no_error(tmp_path: Path) -> None:
+    device = PtyDevice(tmp_path / "robot")
+    device.plug()
+    link = Link(str(device.path), clock=ManualClock())
+    link.open()
+    device.unplug()
+    assert not link.write(b"x")
+    link.close()

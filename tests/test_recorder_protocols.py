@@ -287,7 +287,7 @@ def corrupted(stream: bytes, rate: float, rng: np.random.Generator) -> bytes:
 def test_noise_never_passes_with_a_wrong_value() -> None:
     seed = np.random.SeedSequence().entropy  # fresh each run, and said when it fails
     rng = np.random.default_rng(seed)
-    count = 400_000
+    count = 100_000
     ranges_mm = rng.integers(-2, 5000, count).tolist()
     wheels = rng.integers(-(2**31), 2**31, (count, 2)).tolist()
     bodies = [
@@ -306,5 +306,5 @@ def test_noise_never_passes_with_a_wrong_value() -> None:
         original = only(sent[packet.device_ms])
         assert (packet.report, packet.seq) == (original.report, original.seq), f"seed {seed}"
         right += 1
-    assert count - right > 100_000, "fewer lines than meant were corrupted"
+    assert count - right > 25_000, "fewer lines than meant were corrupted"
     assert right > 0.6 * count, "noise cost more than the lines that it hit"

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 from fake_links import ManualClock, PtyDevice, ScriptedSource, TcpServer
+from scripted_recordings import START_NS, ListSession, ping_line, play, steady_run
 
 from recorder.clock import NS_PER_MS, NS_PER_S, HostClock
 from recorder.errors import LinkError
@@ -20,69 +21,13 @@ from recorder.link import ByteSource, Link, LinkEvent, LinkState, Received
 from recorder.messages import Diagnostics, Message, Odometry, Pose, Range, RawLine, Transform
 from recorder.odometry import WheelGeometry
 from recorder.protocols.echogrid import EchogridProtocol, encode
-from recorder.protocols.reports import HelloReport, RangeReport, WheelReport
-from recorder.recording import RecordingStatus, record
+from recorder.protocols.reports import HelloReport, WheelReport
+from recorder.recording import record
 from recorder.simulator.robot import WHEELS
 from recorder.simulator.rooms import load_room
 from recorder.simulator.serial_robot import SerialRobot
 from recorder.tracker import Tracker, open_tracker
 from recorder.translation import RecordingCounters
-
-START_NS = 1_700_000_000 * NS_PER_S
-
-
-class ListSession:
-    """A session in memory, on a disk with room for so many messages."""
-
-    def __init__(self, room: int = 10**9) -> None:
-        self.written: list[tuple[int, Message]] = []
-        self.synced = 0
-        self.changed = threading.Condition()
-        self._room = room
-
-    def write(self, message: Message, *, log_ns: int) -> None:
-        if len(self.written) >= self._room:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        with self.changed:
-            self.written.append((log_ns, message))
-            self.changed.notify_all()
-
-    def sync(self) -> None:
-        self.synced += 1
-
-    def of(self, kind: type[Any]) -> list[Any]:
-        return [message for _, message in self.written if isinstance(message, kind)]
-
-    def wait_for(self, kind: type[Any], count: int) -> None:
-        with self.changed:
-            assert self.changed.wait_for(lambda: len(self.of(kind)) >= count, timeout=20)
-
-
-def ping_line(seq: int, ms: int, range_m: float = 1.0) -> bytes:
-    return encode(RangeReport("ping", range_m), seq % 2**16, ms)
-
-
-def steady_run(seconds: float, rate_hz: int = 20) -> list[Received | LinkEvent]:
-    """A device that sends a reading ``rate_hz`` times a second and arrives 4 ms later."""
-    events: list[Received | LinkEvent] = [LinkEvent(LinkState.OPENED, START_NS, "")]
-    for seq in range(int(seconds * rate_hz)):
-        ms = seq * 1000 // rate_hz
-        events.append(Received(ping_line(seq, ms, seq / 1000), START_NS + (ms + 4) * NS_PER_MS))
-    return events
-
-
-def play(
-    events: list[Received | LinkEvent], session: ListSession, **options: Any
-) -> RecordingCounters:
-    clock = ManualClock(START_NS)
-    options.setdefault("stop", threading.Event())
-    return record(
-        ScriptedSource(clock, events),
-        session,
-        protocol=EchogridProtocol(),
-        clock=clock,
-        **options,
-    )
 
 
 class Background(threading.Thread):
@@ -213,36 +158,6 @@ def test_a_disk_that_fails_at_the_last_moment() -> None:
             raise OSError(errno.EIO, "Input/output error")
 
     assert play(steady_run(1.0), NoSync()).failure == "Input/output error"
-
-
-def test_status_for_the_screen() -> None:
-    seen: list[RecordingStatus] = []
-    play(
-        [*steady_run(5.0), Received(encode(HelloReport(1, "boe", "2"), 100, 5001), START_NS)],
-        ListSession(),
-        on_status=seen.append,
-    )
-    assert len(seen) >= 5
-    assert seen[2].link_up
-    assert seen[2].latest["ping"].range_m > seen[1].latest["ping"].range_m
-    assert seen[2].rate_hz["ping"] == pytest.approx(20.0, abs=2.0)
-    assert seen[2].elapsed_s == pytest.approx(3.0, abs=0.2)
-    assert seen[-1].counters.received == 101
-    assert seen[-1].hello == HelloReport(1, "boe", "2")
-
-
-def test_a_screen_that_fails_does_not_cost_the_recording() -> None:
-    calls = []
-
-    def broken(status: RecordingStatus) -> None:
-        calls.append(status)
-        raise BrokenPipeError
-
-    session = ListSession()
-    counters = play(steady_run(5.0), session, on_status=broken)
-    assert len(calls) == 1
-    assert counters.received == len(session.of(Range)) == 100
-    assert counters.failure == ""
 
 
 def test_a_lost_link_and_a_restarted_device() -> None:

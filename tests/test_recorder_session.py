@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 from recorder.errors import BadInput, OutputExists
@@ -27,12 +29,11 @@ from recorder.messages import (
     Radiation,
     Range,
     RawLine,
-    Record,
     Scan,
     Transform,
     topic_of,
 )
-from recorder.session import Session, SessionWriter, read_session
+from recorder.session import SessionWriter, read_session
 
 T_NS = 1_700_000_000_123_456_789
 METADATA = {"seed": 3, "noise": 0.5, "name": "Ω room", "nested": {"a": [1, 2]}}
@@ -58,28 +59,12 @@ MESSAGES: list[Message] = [
 ]
 
 
-def write(path: Path, messages: Iterable[Message], *, sync_every: int = 0) -> Path:
+def write(path: Path, messages: Iterable[Message]) -> Path:
     with SessionWriter(path, metadata=METADATA) as session:
         session.attach("truth.geojson", "application/geo+json", WALLS)
-        for number, message in enumerate(messages):
+        for message in messages:
             session.write(message, log_ns=message.t_ns + 1000)
-            if sync_every and number % sync_every == sync_every - 1:
-                session.sync()
     return path
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, Session]:
-    """A session of several chunks: its bytes, and what an undamaged read gives."""
-    messages: list[Message] = []
-    for i in range(40):
-        t_ns = T_NS + i * 50_000_000
-        messages += [Pose(t_ns, SE2(0.01 * i, 1.0, 0.02 * i)), reading(t_ns, 0.5 + 0.01 * i)]
-    path = write(tmp_path_factory.mktemp("small") / "s.mcap", messages, sync_every=16)
-    session = read_session(path)
-    assert len(session.records) == 80
-    assert session.damage == ()
-    return path.read_bytes(), session
 
 
 def assert_same(found: Message, written: Message) -> None:
@@ -137,7 +122,7 @@ def test_a_writer_that_fails_leaves_nothing(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_ros_tools_open_it(tmp_path: Path) -> None:
+def test_rosbags_opens_it(tmp_path: Path) -> None:
     path = write(tmp_path / "all.mcap", MESSAGES)
     with AnyReader([path]) as reader:
         counts = {c.topic: c.msgcount for c in reader.connections}
@@ -150,51 +135,30 @@ def test_ros_tools_open_it(tmp_path: Path) -> None:
     assert ranges == pytest.approx([1.2345, math.inf, -math.inf])
 
 
-def _lengths(size: int) -> list[int]:
-    return sorted({*range(60), *np.linspace(60, size - 1, 90).astype(int).tolist()})
+def test_mcap_ros2_support_opens_it(tmp_path: Path) -> None:
+    path = write(tmp_path / "all.mcap", MESSAGES)
+    with path.open("rb") as file:
+        reader = make_reader(file, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        found = {each.channel.topic: each for each in reader.iter_decoded_messages()}
+    assert set(found) == {topic_of(m) for m in MESSAGES}
+    pose = found["/pose"].decoded_message
+    assert (pose.header.frame_id, pose.pose.position.x) == ("map", 1.25)
+    assert found["/scan/lidar"].decoded_message.ranges[2] == 2.25
+    assert found["/tf_static"].decoded_message.transforms[0].child_frame_id == "ping"
+    assert found["/pose"].message.publish_time == T_NS
+    assert found["/pose"].message.log_time == T_NS + 1000
 
 
-def test_truncated_anywhere_gives_a_prefix(tmp_path: Path, small: tuple[bytes, Session]) -> None:
-    data, whole = small
-    path, kept = tmp_path / "cut.mcap", set()
-    for length in _lengths(len(data)):
-        path.write_bytes(data[:length])
-        try:
-            session = read_session(path)
-        except BadInput:
-            kept.add(-1)
-            continue
-        assert session.records == whole.records[: len(session.records)], length
-        assert session.damage or len(session.records) == len(whole.records), length
-        kept.add(len(session.records))
-    assert {-1, 0, 16, 80} <= kept  # refused, nothing whole, a chunk, all of it
-
-
-def _subsequence(part: tuple[Record, ...], whole: tuple[Record, ...]) -> bool:
-    rest = iter(whole)
-    return all(record in rest for record in part)
-
-
-def test_a_flipped_bit_never_gives_a_wrong_reading(
-    tmp_path: Path, small: tuple[bytes, Session]
-) -> None:
-    data, whole = small
-    path, told = tmp_path / "flip.mcap", 0
-    for number, position in enumerate(np.linspace(0, len(data) - 1, 150).astype(int)):
-        flipped = bytearray(data)
-        flipped[position] ^= 1 << number % 8
-        path.write_bytes(flipped)
-        try:
-            session = read_session(path)
-        except BadInput:
-            told += 1
-            continue
-        told += bool(session.damage)
-        assert _subsequence(session.records, whole.records), position
-        lost = len(session.records) < len(whole.records)
-        assert session.damage or not lost, f"lost without a word at {position}"
-        assert session.metadata in (METADATA, {}), position
-    assert told > 20
+def test_rerun_finds_nothing_to_complain_of(tmp_path: Path) -> None:
+    path = write(tmp_path / "all.mcap", MESSAGES)
+    checked = subprocess.run(
+        [sys.executable, "-m", "rerun", "mcap", "check", "--full", str(path)],
+        capture_output=True, text=True, timeout=120, check=False,
+    )  # fmt: skip
+    assert checked.returncode == 0, checked.stderr
+    lines = [line.split() for line in checked.stdout.splitlines()]
+    status = {line[3]: line[0] for line in lines if len(line) > 3 and line[3].startswith("/")}
+    assert status == dict.fromkeys({topic_of(m) for m in MESSAGES}, "ok")
 
 
 def test_a_killed_recording_is_read_up_to_its_last_sync(tmp_path: Path) -> None:
@@ -234,25 +198,3 @@ def test_what_is_no_session_is_refused_in_one_line(tmp_path: Path, content: byte
         read_session(path)
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_flip_in_an_attachment_or_a_name_is_never_silent(tmp_path: Path) -> None:
-    """The format's readers skip these checksums; ours notices any bit of the data section."""
-    path = tmp_path / "s.mcap"
-    with SessionWriter(path, metadata={"a": 1}) as writer:
-        writer.attach("truth.geojson", "application/geo+json", b"walls" * 8)
-        writer.write(Pose(1, SE2(1.0, 2.0, 0.5)), log_ns=1)
-    good, data = read_session(path), path.read_bytes()
-    for position in range(8, data.index(b"walls") + 40):
-        broken = bytearray(data)
-        broken[position] ^= 1 << (position % 8)
-        path.write_bytes(broken)
-        try:
-            session = read_session(path)
-        except BadInput:
-            continue
-        for name, content in session.attachments.items():
-            assert good.attachments[name] == content
-        whole = session.records == good.records and session.metadata == good.metadata
-        attached = session.attachments == good.attachments
-        assert (whole and attached) or session.damage, position

@@ -54,6 +54,25 @@ def said(translator: Translator, report: Report, seq: int = 0, ms: int = 0) -> l
     return [message for _, message in pairs[1:]]
 
 
+def test_one_line_may_say_several_things() -> None:
+    translator = Translator()
+    packet = Packet(
+        b"1,50,,30\n",
+        RangeReport("ping", 0.5),
+        device_ms=1,
+        more=(RangeReport("dirrs", 0.3),),
+        invalid=1,
+    )
+    raw, *messages = [message for _, message in translator.packet(packet, NOW_NS)]
+    assert raw == RawLine(NOW_NS, "1,50,,30\n")
+    assert [(m.sensor, m.range_m, m.t_ns) for m in messages if isinstance(m, Range)] == [
+        ("ping", 0.5, NOW_NS),
+        ("dirrs", 0.3, NOW_NS),
+    ]
+    assert translator.tally["received"] == 1
+    assert translator.tally["invalid_values"] == 1
+
+
 def test_every_fault_has_a_counter() -> None:
     names = {field.name for field in dataclasses.fields(RecordingCounters)}
     assert {fault.value for fault in Fault} <= names

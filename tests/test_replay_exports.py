@@ -5,7 +5,9 @@ from __future__ import annotations
 import json
 from pathlib import Path
 from types import MappingProxyType
+from xml.etree import ElementTree
 
+import ezdxf
 import geojson
 import numpy as np
 import pytest
@@ -26,6 +28,7 @@ POINTS = np.array([[0.1, 1 / 3], [-2.0, 1e-7]])
 TIMES = np.array([1_700_000_000_000_000_001, 1_700_000_000_000_000_002])
 FILES = {
     "npz", "pgm", "yaml", "borders.json", "segments.geojson", "raw-segments.geojson", "points.csv",
+    "dxf", "svg",
 }  # fmt: skip
 
 
@@ -109,6 +112,18 @@ def test_borders_segments_and_points_come_back(made: Path) -> None:
     read = [[float(v) for v in line.split(",")[1:]] for line in lines]
     assert read == POINTS.tolist()
     assert (made / "fused.points.csv").read_text() == "t_ns,x_m,y_m\n"
+
+
+def test_drawings_hold_the_borders_and_the_lines_of_the_grid_alone(made: Path) -> None:
+    drawing = ezdxf.readfile(made / "ping.dxf")
+    assert not drawing.audit().has_errors
+    (line,) = drawing.modelspace().query('LINE[layer=="ping segments"]')
+    assert tuple(line.dxf.start.vec2) == (0.0, 0.5)
+    assert len(drawing.modelspace().query("LWPOLYLINE")) == 1
+    root = ElementTree.fromstring((made / "ping.svg").read_text())
+    layers = [path.attrib["data-layer"] for path in root.iter("{http://www.w3.org/2000/svg}path")]
+    assert layers == ["ping", "ping"]
+    assert len(ezdxf.readfile(made / "fused.dxf").modelspace()) == 0
 
 
 def test_summary_tells_counts_configuration_and_versions(made: Path) -> None:

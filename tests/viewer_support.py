@@ -85,6 +85,15 @@ class Browser:
         png = self._call("Page.captureScreenshot", format="png")["data"]
         return Image.open(io.BytesIO(base64.b64decode(png))).convert("RGB")
 
+    def press(self, key: str, *, ctrl_shift: bool = False) -> None:
+        """A key, alone or with Ctrl and Shift held."""
+        code = {"ArrowLeft": 37, "ArrowRight": 39}[key]
+        for kind in ("rawKeyDown", "keyUp"):
+            self._call(
+                "Input.dispatchKeyEvent", type=kind, key=key, code=key,
+                windowsVirtualKeyCode=code, modifiers=(2 | 8) if ctrl_shift else 0,
+            )  # fmt: skip
+
     def requests_elsewhere(self) -> list[str]:
         """What the page loaded from any machine but this one."""
         script = "JSON.stringify(performance.getEntriesByType('resource').map(e => e.name))"

@@ -9,7 +9,6 @@ that no digits are lost, n, x, y, xx, xy and yy: two pieces merge by adding them
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numba import njit
@@ -281,7 +280,7 @@ def _total(
 @njit(cache=True)
 def _fit(
     xy: Floats, begin: int, end: int, first: int, count: int, s: Floats, y_on_x: bool,
-    line: np.void,
+    line: Floats,
 ) -> None:  # fmt: skip
     """Fill ``line`` from a piece: normal form, spreads, and its outer points projected on it."""
     dx, dy = _direction(s, y_on_x)
@@ -293,36 +292,39 @@ def _fit(
         dx, dy, t0, t1 = -dx, -dy, -t0, -t1
     xx, yy = s[3] - mx * s[1], s[5] - my * s[2]
     cross = s[4] - mx * s[2]
-    line["first"], line["count"] = first, count
-    line["normal_x"], line["normal_y"] = -dy, dx
-    line["centre_x"], line["centre_y"] = mx + xy[begin, 0], my + xy[begin, 1]
-    line["along"] = max(dx * dx * xx + 2.0 * dx * dy * cross + dy * dy * yy, 0.0)
-    line["across"] = max(dy * dy * xx - 2.0 * dx * dy * cross + dx * dx * yy, 0.0)
-    line["x0"], line["y0"] = line["centre_x"] + t0 * dx, line["centre_y"] + t0 * dy
-    line["x1"], line["y1"] = line["centre_x"] + t1 * dx, line["centre_y"] + t1 * dy
-    line["corner0"] = line["corner1"] = False
+    line[layout.FIRST], line[layout.COUNT] = first, count
+    line[layout.NORMAL_X], line[layout.NORMAL_Y] = -dy, dx
+    line[layout.CENTRE_X], line[layout.CENTRE_Y] = mx + xy[begin, 0], my + xy[begin, 1]
+    line[layout.ALONG] = max(dx * dx * xx + 2.0 * dx * dy * cross + dy * dy * yy, 0.0)
+    line[layout.ACROSS] = max(dy * dy * xx - 2.0 * dx * dy * cross + dx * dx * yy, 0.0)
+    x, y = line[layout.CENTRE_X], line[layout.CENTRE_Y]
+    line[layout.X0], line[layout.Y0] = x + t0 * dx, y + t0 * dy
+    line[layout.X1], line[layout.Y1] = x + t1 * dx, y + t1 * dy
+    line[layout.CORNER0] = line[layout.CORNER1] = 0.0
 
 
 @njit(cache=True)
-def _corner(a: np.void, b: np.void, min_sine: float, reach: float) -> None:
+def _corner(a: Floats, b: Floats, min_sine: float, reach: float) -> None:
     """Let two neighbouring lines meet where they cross, unless the crossing is far or shallow."""
-    sine = a["normal_x"] * b["normal_y"] - a["normal_y"] * b["normal_x"]
+    sine = a[layout.NORMAL_X] * b[layout.NORMAL_Y] - a[layout.NORMAL_Y] * b[layout.NORMAL_X]
     if abs(sine) < min_sine:
         return
-    ra = a["normal_x"] * a["centre_x"] + a["normal_y"] * a["centre_y"]
-    rb = b["normal_x"] * b["centre_x"] + b["normal_y"] * b["centre_y"]
-    x = (ra * b["normal_y"] - rb * a["normal_y"]) / sine
-    y = (rb * a["normal_x"] - ra * b["normal_x"]) / sine
-    if math.hypot(x - a["x1"], y - a["y1"]) > reach or math.hypot(x - b["x0"], y - b["y0"]) > reach:
+    ra = a[layout.NORMAL_X] * a[layout.CENTRE_X] + a[layout.NORMAL_Y] * a[layout.CENTRE_Y]
+    rb = b[layout.NORMAL_X] * b[layout.CENTRE_X] + b[layout.NORMAL_Y] * b[layout.CENTRE_Y]
+    x = (ra * b[layout.NORMAL_Y] - rb * a[layout.NORMAL_Y]) / sine
+    y = (rb * a[layout.NORMAL_X] - ra * b[layout.NORMAL_X]) / sine
+    if math.hypot(x - a[layout.X1], y - a[layout.Y1]) > reach:
         return
-    a["x1"], a["y1"], a["corner1"] = x, y, True
-    b["x0"], b["y0"], b["corner0"] = x, y, True
+    if math.hypot(x - b[layout.X0], y - b[layout.Y0]) > reach:
+        return
+    a[layout.X1], a[layout.Y1], a[layout.CORNER1] = x, y, 1.0
+    b[layout.X0], b[layout.Y0], b[layout.CORNER0] = x, y, 1.0
 
 
 @njit(cache=True)
 def _lines_of_pieces(
     xy: Floats, begin: int, end: int, ring: bool, first: Ints, count: Ints, sums: Floats,
-    pieces: int, settings: Floats, out: Any, n_out: int,
+    pieces: int, settings: Floats, out: Floats, n_out: int,
 ) -> int:  # fmt: skip
     """Fit the pieces of a chain, let them meet, and leave out what is too short."""
     y_on_x, drop, min_points = settings[6] > 0.0, int(settings[8]) == layout.WRAP_DROP, settings[10]
@@ -338,10 +340,11 @@ def _lines_of_pieces(
     kept = before
     for p in range(before, n_out):
         # The outer two have had their say about the corners of their neighbours.
-        outer = out[p]["first"] == first[0] or out[p]["first"] == first[pieces - 1]
-        length = math.hypot(out[p]["x1"] - out[p]["x0"], out[p]["y1"] - out[p]["y0"])
+        outer = out[p, layout.FIRST] == first[0] or out[p, layout.FIRST] == first[pieces - 1]
+        dx, dy = out[p, layout.X1] - out[p, layout.X0], out[p, layout.Y1] - out[p, layout.Y0]
+        length = math.hypot(dx, dy)
         if length >= settings[3] and not (outer and drop):
-            out[kept] = out[p]
+            out[kept, :] = out[p, :]
             kept += 1
     return kept
 
@@ -349,10 +352,10 @@ def _lines_of_pieces(
 @njit(cache=True)
 def lines_of_chains(
     xy: Floats, offsets: Ints, closed: NDArray[np.bool_], method: int, given: Ints,
-    settings: Floats, log: NDArray[np.float64], out: Any,
+    settings: Floats, log: NDArray[np.float64], out: Floats,
 ) -> tuple[int, int, int]:  # fmt: skip
-    """The lines of many chains: fills ``out`` (LINE records), ``log[0]`` with the splits and
-    ``log[1]`` with the merges (K, 4).
+    """The lines of many chains: fills ``out`` (lines, columns of LINE), ``log[0]`` with the splits
+    and ``log[1]`` with the merges (K, 4).
 
     ``given`` (cuts,) is where pieces start, for the method GIVEN; ``settings`` are in the order of
     SETTINGS. Returns how many lines, splits and merges there are.
@@ -395,5 +398,5 @@ def lines_of_chains(
             xy, begin, end, ring, first, count, sums, pieces, settings, out, n_out
         )
         for p in range(before, n_out):
-            out[p]["chain"] = c
+            out[p, layout.CHAIN] = c
     return n_out, n_split, n_merge

@@ -25,14 +25,18 @@ Cells = NDArray[np.int64]
 
 
 @njit(cache=True)
-def _padded(occupied: Bytes) -> tuple[Bytes, int]:
-    """The grid as bytes with white around it, and the length of a row (a multiple of 8)."""
+def _padded(occupied: Bytes, filled: Bytes) -> tuple[Bytes, int]:
+    """The grid as bytes with white around it, and the length of a row (a multiple of 8).
+
+    ``filled`` (rows,) tells which rows hold anything: the others are not even looked at.
+    """
     rows, cols = occupied.shape
     stride = (cols // 8 + 1) * 8  # at least one white byte ends a row: the west of the next one
     cells = np.zeros((rows + 2) * stride + 2 * _PAD, np.uint8)
     for row in range(rows):
-        start = _PAD + (row + 1) * stride
-        cells[start : start + cols] = occupied[row]
+        if filled[row]:
+            start = _PAD + (row + 1) * stride
+            cells[start : start + cols] = occupied[row]
     return cells, stride
 
 
@@ -81,15 +85,15 @@ def _follow(
 
 
 @njit(cache=True)
-def closed_borders(occupied: Bytes) -> tuple[Cells, list[int], list[bool]]:
+def closed_borders(occupied: Bytes, filled: Bytes) -> tuple[Cells, list[int], list[bool]]:
     """All borders: cells of all of them (N, 2) as row, col; where each ends; which are outer.
 
-    ``occupied`` (rows, cols) holds 0 and 1.
+    ``occupied`` (rows, cols) holds 0 and 1, ``filled`` (rows,) which rows hold any 1.
     The scan runs from the highest row down and from west to east. The first crack that it meets of
     a border has black to its north-west when the border is that of a hole (what is white there has
     nothing white above it), and white when it is an outer one.
     """
-    cells, stride = _padded(occupied)
+    cells, stride = _padded(occupied, filled)
     words = cells.view(np.uint64)  # 8 cells at once, the western one in the lowest byte
     black_bits = np.uint64(0x0101010101010101)
     one, eight, most = np.uint64(1), np.uint64(8), np.uint64(56)
@@ -97,6 +101,8 @@ def closed_borders(occupied: Bytes) -> tuple[Cells, list[int], list[bool]]:
     n = 0
     ends, outer = [0 for _ in range(0)], [True for _ in range(0)]
     for row in range(occupied.shape[0] - 1, -1, -1):
+        if filled[row] == 0:
+            continue
         start = _PAD + (row + 1) * stride
         carry = np.uint64(0)
         for k in range(start // 8, (start + stride) // 8):
@@ -118,17 +124,19 @@ def closed_borders(occupied: Bytes) -> tuple[Cells, list[int], list[bool]]:
 
 
 @njit(cache=True)
-def chapter_borders(occupied: Bytes) -> tuple[Cells, list[int], list[bool]]:
+def chapter_borders(occupied: Bytes, filled: Bytes) -> tuple[Cells, list[int], list[bool]]:
     """The same by the chapter's rules: stop at the first cell, start at cells of no border yet.
 
     Single cells are left out, as it advises. A border counts as outer when it runs round its cells
     counter-clockwise (twice the signed area is not negative).
     """
-    cells, stride = _padded(occupied)
+    cells, stride = _padded(occupied, filled)
     out = np.empty((max(occupied.size // 16, 64), 2), np.int64)
     n = 0
     ends, outer = [0 for _ in range(0)], [True for _ in range(0)]
     for row in range(occupied.shape[0] - 1, -1, -1):
+        if filled[row] == 0:
+            continue
         start = _PAD + (row + 1) * stride
         for at in range(start, start + occupied.shape[1]):
             if cells[at] == 0 or cells[at] & _VISITED or cells[at - 1]:

@@ -9,10 +9,16 @@ from __future__ import annotations
 
 from mapping.segments.grid_lines import segments_from_borders
 from mapping.segments.methods import LINE_METHODS, LineMethod
-from mapping.segments.raw import segments_from_points, segments_from_scan, stages_of_points
+from mapping.segments.passes import segments_of_ranger
+from mapping.segments.raw import (
+    segments_from_points,
+    segments_from_scan,
+    stages_of_points,
+)
 from mapping.segments.ridge import segments_from_grid, segments_from_ridge
 from mapping.segments.seen import reachable_cells
 from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage
+from mapping.segments.telling import line_stages
 
 __all__ = [
     "LINE_METHODS",
@@ -23,11 +29,13 @@ __all__ = [
     "Observer",
     "Split",
     "Stage",
+    "line_stages",
     "reachable_cells",
     "segments_from_borders",
     "segments_from_grid",
     "segments_from_points",
     "segments_from_ridge",
     "segments_from_scan",
+    "segments_of_ranger",
     "stages_of_points",
 ]

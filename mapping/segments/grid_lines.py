@@ -27,7 +27,7 @@ from mapping.segments.least_squares import (
 )
 from mapping.segments.methods import line_method
 from mapping.segments.runs import meet_at_corners
-from mapping.segments.seen import grown
+from mapping.segments.seen import cut_where_free, grown
 from mapping.segments.stages import Observer
 
 # A digital straight line stays within a cell of its chord; a ragged one within two.
@@ -79,6 +79,11 @@ def segments_from_borders(
         found = pair_faces(faces, backs, thickness)
         found = merge_collinear(found, scaled, observe)
         found = meet_at_corners(found, scaled, observe)
+    if reachable is not None:
+        solid = np.zeros(geometry.shape, np.bool_)
+        for border in borders:
+            solid[border.cells[:, 0], border.cells[:, 1]] = True
+        found = cut_where_free(found, solid, reachable, geometry)
     return as_segments(found, borders[0].layer, scaled, owners)
 
 

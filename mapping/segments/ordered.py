@@ -60,7 +60,8 @@ def _finish(
     from mapping.line_kernels.lines import lines_of_chains
 
     n = len(chains.points_m)
-    log, found = np.empty((2, n, 4)), np.empty(n // config.min_points + 1, layout.LINE)
+    log = np.empty((2, n, 4))
+    found = np.empty((n // config.min_points + 1, len(layout.LINE)))
     counts = lines_of_chains(
         chains.points_m,
         chains.offsets,
@@ -71,7 +72,7 @@ def _finish(
         log,
         found,
     )
-    lines = [_line(chains, record) for record in found[: counts[0]]]
+    lines = [_line(chains, row) for row in found[: counts[0]]]
     if observe is not None:
         _tell_splits(chains, log[0, : counts[1]], observe)
         _tell_merges(chains, log[1, : counts[2]], observe)
@@ -97,14 +98,15 @@ def kernel_settings(config: SegmentsSection, settle: int) -> FloatArray:
     return np.array([values[name] for name in layout.SETTINGS], np.float64)
 
 
-def _line(chains: Chains, record: np.void) -> FittedLine:
+def _line(chains: Chains, row: FloatArray) -> FittedLine:
+    chain, first, count = (int(row[k]) for k in (layout.CHAIN, layout.FIRST, layout.COUNT))
     return FittedLine(
-        chains.points_of(int(record["chain"]), int(record["first"]), int(record["count"])),
-        np.array([record["centre_x"], record["centre_y"]]),
-        np.array([record["normal_y"], -record["normal_x"]]),
-        np.array([record["x0"], record["y0"]]),
-        np.array([record["x1"], record["y1"]]),
-        (bool(record["corner0"]), bool(record["corner1"])),
+        chains.points_of(chain, first, count),
+        row[[layout.CENTRE_X, layout.CENTRE_Y]],
+        np.array([row[layout.NORMAL_Y], -row[layout.NORMAL_X]]),
+        row[[layout.X0, layout.Y0]],
+        row[[layout.X1, layout.Y1]],
+        (bool(row[layout.CORNER0]), bool(row[layout.CORNER1])),
     )
 
 

@@ -11,6 +11,7 @@ from mapping.beams import Beam
 from mapping.config import SegmentsSection
 from mapping.segments.chains import chains_from_points, chains_from_scan
 from mapping.segments.least_squares import (
+    FittedLine,
     FloatArray,
     segment_of,
     variances_from_beams,
@@ -47,19 +48,14 @@ def segments_from_points(
         closed=False if config.wrap == "off" else closed,
         origin_m=_mean(points) if origin_m is None else np.array(origin_m),
     )
-    least_m = config.epsilon_m / 3.0
-    return [
-        segment_of(
-            line,
-            layer=layer,
-            source="raw",
-            border=None,
-            variances_m2=variances_from_residuals(
-                line, least_m if len(line.points_m) < 5 else 1e-6
-            ),
-        )
-        for line in method.lines(chains, config, observe)
-    ]
+    return [raw_segment(line, layer, config) for line in method.lines(chains, config, observe)]
+
+
+def raw_segment(line: FittedLine, layer: str, config: SegmentsSection) -> Segment:
+    """The artifact of a line through raw points, its noise estimated from its residuals."""
+    least_m = config.epsilon_m / 3.0 if len(line.points_m) < 5 else 1e-6
+    variances = variances_from_residuals(line, least_m)
+    return segment_of(line, layer=layer, source="raw", border=None, variances_m2=variances)
 
 
 def segments_from_scan(

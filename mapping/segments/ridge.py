@@ -25,6 +25,7 @@ from mapping.segments.joining import merge_collinear
 from mapping.segments.least_squares import FittedLine, FloatArray
 from mapping.segments.methods import line_method
 from mapping.segments.runs import meet_at_corners
+from mapping.segments.seen import cut_where_free
 from mapping.segments.stages import Observer
 
 Cells = NDArray[np.bool_]
@@ -69,6 +70,8 @@ def segments_from_ridge(
     if reachable is not None:
         lines = _beside(reachable, lines, geometry, depth)
     lines = meet_at_corners(lines, scaled, observe)
+    if reachable is not None:
+        lines = cut_where_free(lines, occupied, reachable, geometry)
     return as_segments(lines, thresholded.layer, scaled, [])
 
 

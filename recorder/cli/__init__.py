@@ -2,7 +2,9 @@
 
 from recorder.cli.import_ import import_
 from recorder.cli.info import info
+from recorder.cli.ports import ports
 from recorder.cli.record import record
+from recorder.cli.recover import recover
 from recorder.cli.simulate import simulate
 
-COMMANDS = (record, simulate, import_, info)
+COMMANDS = (record, ports, simulate, import_, info, recover)

@@ -10,13 +10,31 @@ from recorder.cli import options
 
 
 @click.command(epilog="Example:  echogrid info run.mcap")
-@click.argument("file", type=options.FILE)
-def info(file: Path) -> int:
-    """What is in a session, and what is wrong with it."""
-    from recorder.session import read_session
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.FILE)
+@options.quiet
+def info(files: tuple[Path, ...], quiet: bool) -> int:
+    """What is in a session, and what is wrong with it: rates, gaps, odd channels, losses.
+
+    Exit code 0: all of it can be read; 1: something is lost; 2: it cannot be used.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from recorder.session import SessionReader
     from recorder.summary import summary_lines
 
-    session = read_session(file)
-    for line in summary_lines(session):
-        click.echo(line)
-    return 1 if session.damage else 0
+    damaged = False
+    console = Console(stderr=True)
+    for file in files:
+        reader = SessionReader(file)
+        with Progress(
+            console=console, transient=True, disable=quiet or not console.is_terminal
+        ) as bar:
+            size = file.stat().st_size if file.exists() else None
+            task = bar.add_task(f"reading {file.name}", total=size)
+            advance = lambda done, task=task: bar.update(task, completed=done)  # noqa: E731
+            lines = list(summary_lines(reader, advance))
+        for line in lines if not quiet else ():
+            click.echo(line)
+        damaged = damaged or bool(reader.damage)
+    return 1 if damaged else 0

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from recorder.errors import BadInput
+from recorder.protocols.interface import Protocol
 from recorder.protocols.reports import (
     Fault,
     HeadReport,
@@ -54,7 +55,7 @@ class _Malformed(ValueError):
     """A sound line whose values are not what its kind says."""
 
 
-class EchogridProtocol:
+class EchogridProtocol(Protocol):
     """Cuts a stream of bytes into packets of the ``echogrid`` protocol; knows no port."""
 
     name: ClassVar[str] = "echogrid"

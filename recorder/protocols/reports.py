@@ -72,6 +72,8 @@ class Fault(enum.Enum):
     MALFORMED = "malformed"  # not built as the protocol says
     BAD_CHECKSUM = "bad_checksum"
     UNKNOWN_KIND = "unknown_kind"  # sound, but of a kind that this version does not know
+    HEADER = "header"  # words above columns of numbers
+    BLANK = "blank"  # nothing but the end of a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +81,9 @@ class Packet:
     """A stretch of the stream: ``raw`` as it came, and what it says or why it says nothing.
 
     Exactly one of ``report`` and ``fault`` is set. ``seq`` and ``device_ms`` are known whenever
-    they can be trusted, thus also for a sound line of an unknown kind.
+    they can be trusted, thus also for a sound line of an unknown kind. ``more`` are further reports
+    of the same bytes, ``invalid`` counts values in them that say that nothing was measured, and
+    ``reply`` is what the device must be sent in answer.
     """
 
     raw: bytes
@@ -87,3 +91,6 @@ class Packet:
     seq: int | None = None
     device_ms: int | None = None
     fault: Fault | None = None
+    more: tuple[Report, ...] = ()
+    invalid: int = 0
+    reply: bytes = b""

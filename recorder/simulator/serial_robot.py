@@ -1,7 +1,7 @@
 """The simulated robot in real time, behind a real serial line, with an overhead tracker on TCP.
 
-Whoever records it cannot tell it from hardware: the line is a pseudo-terminal that speaks the
-``echogrid`` protocol, and it can be made noisy, unplugged and restarted.
+Whoever records it cannot tell it from hardware: the line is a pseudo-terminal that speaks one of
+the protocols, and it can be made noisy, unplugged and restarted.
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 from recorder.errors import BadInput, LinkError
 from recorder.geometry import SE2
 from recorder.messages import Pose, Scan, Transform
-from recorder.odometry import COUNTER_RANGE
-from recorder.protocols.echogrid import DEVICE_MS_RANGE, PROTOCOL_VERSION, SEQ_RANGE, encode
-from recorder.protocols.reports import HelloReport, LogReport, Report, WheelReport
+from recorder.protocols.echogrid import PROTOCOL_VERSION
+from recorder.protocols.reports import HelloReport, LogReport, Report
+from recorder.simulator.firmwares import FIRMWARES, Firmware
 from recorder.simulator.robot import DEFAULT_SENSORS, LIDAR, Robot
 from recorder.simulator.rooms import Room
 from recorder.simulator.tracker_server import TrackerServer
@@ -31,51 +31,14 @@ from recorder.simulator.tracker_server import TrackerServer
 if TYPE_CHECKING:
     from recorder.simulator.pseudo_terminal import PseudoTerminal
 
+__all__ = ["HELLO", "HELLO_PERIOD_NS", "Firmware", "SerialRobot"]
+
 HELLO = HelloReport(PROTOCOL_VERSION, "simulated", "echogrid")
+
+
 HELLO_PERIOD_NS = 5_000_000_000
 _CORRUPTION_STREAM = 99  # random numbers of its own, apart from those of the robot
 _LONGEST_WAIT_S = 0.02  # between two looks at who knocks at the tracker
-
-
-class Firmware:
-    """What runs on the device: reports → lines, with sequence numbers and its own clock.
-
-    ``corrupt_rate`` is the share of bytes that arrive wrong; which ones follows from ``rng``.
-    """
-
-    def __init__(self, corrupt_rate: float, rng: np.random.Generator) -> None:
-        self._corrupt_rate = corrupt_rate
-        self._rng = rng
-        self.boot(0)
-
-    def boot(self, now_ns: int) -> None:
-        """Start anew: sequence numbers, device time and wheel counts begin at 0."""
-        self._booted_ns = now_ns
-        self._seq = 0
-        self._wheels_at_boot: WheelReport | None = None
-
-    def line(self, report: Report, t_ns: int) -> bytes:
-        """The bytes that say ``report``, measured at ``t_ns`` of the clock that ``boot`` got."""
-        if isinstance(report, WheelReport):
-            report = self._since_boot(report)
-        device_ms = max(0, t_ns - self._booted_ns) // 1_000_000 % DEVICE_MS_RANGE
-        line = encode(report, self._seq, device_ms)
-        self._seq = (self._seq + 1) % SEQ_RANGE
-        return self._corrupted(line)
-
-    def _since_boot(self, counts: WheelReport) -> WheelReport:
-        zero = self._wheels_at_boot = self._wheels_at_boot or counts
-        return WheelReport(
-            (counts.left - zero.left) % COUNTER_RANGE, (counts.right - zero.right) % COUNTER_RANGE
-        )
-
-    def _corrupted(self, line: bytes) -> bytes:
-        if self._corrupt_rate == 0.0:
-            return line
-        data = np.frombuffer(line, dtype=np.uint8).copy()
-        hit = self._rng.random(len(data)) < self._corrupt_rate
-        data[hit] ^= self._rng.integers(1, 256, size=int(hit.sum()), dtype=np.uint8)
-        return data.tobytes()
 
 
 class SerialRobot:
@@ -87,6 +50,7 @@ class SerialRobot:
     ``speed`` is how many simulated seconds pass in a real one: all stamps are in real time, so a
     fast robot drives and measures faster. ``corrupt_rate`` is the share of bytes that arrive
     wrong. ``device`` may name the path to use; otherwise it lies in a temporary folder.
+    ``protocol`` is what it speaks: ``echogrid``, ``rbc`` or ``csv``.
 
     Raises BadInput for what :class:`~recorder.simulator.robot.Robot` refuses, for a lidar (the
     protocol has no word for its scans) and for numbers out of range; LinkError, when entered,
@@ -108,7 +72,10 @@ class SerialRobot:
         speed: float = 1.0,
         corrupt_rate: float = 0.0,
         device: str | Path | None = None,
+        protocol: str = Firmware.protocol,
     ) -> None:
+        if protocol not in FIRMWARES:
+            raise BadInput(f"the simulated robot speaks {', '.join(FIRMWARES)}, not {protocol!r}")
         if LIDAR in sensors:
             raise BadInput("the echogrid protocol has no scans: the serial robot has no lidar")
         if not 0.01 <= speed <= 100.0:
@@ -124,7 +91,8 @@ class SerialRobot:
             head_sweep_deg=head_sweep_deg,
         )
         self._speed = speed
-        self._firmware = Firmware(corrupt_rate, np.random.default_rng([seed, _CORRUPTION_STREAM]))
+        rng = np.random.default_rng([seed, _CORRUPTION_STREAM])
+        self._firmware = FIRMWARES[protocol](corrupt_rate, rng)
         self._wanted_device = device
         self._resources = ExitStack()
         self._stop, self._reboot = threading.Event(), threading.Event()
@@ -226,6 +194,7 @@ class SerialRobot:
         """Look after the connections until it is time; False when the robot is to stop."""
         while not self._stop.is_set():
             self._tracker.accept()
+            self._hear()
             wait_s = (due_ns - time.monotonic_ns()) * 1e-9
             if wait_s <= 0.0:
                 return True
@@ -234,10 +203,19 @@ class SerialRobot:
 
     def _transmit(self, report: Report, t_ns: int) -> None:
         line = self._firmware.line(report, t_ns)
+        if not line:
+            return
         self._sent += 1  # before the write: whoever has read a line finds it counted
         with self._plug:
             heard = False
             if self._terminal is not None:
                 heard = self._terminal.write(line, time.monotonic_ns())
-                self._terminal.discard_input()
         self._losses += not heard
+
+    def _hear(self) -> None:
+        """Take what the host sent, so that its line never fills up, and answer it."""
+        with self._plug:
+            if self._terminal is not None:
+                answer = self._firmware.hear(self._terminal.read_input())
+                if answer:
+                    self._terminal.write(answer, time.monotonic_ns())

@@ -13,14 +13,14 @@ _BACKLOG_BYTES = 65_536
 
 
 class TrackerServer:
-    """Listens on a free port of 127.0.0.1; nothing here blocks.
+    """Listens on a port of 127.0.0.1, by default a free one; nothing here blocks.
 
     A client that does not keep up misses whole lines, never parts of one; one that has not read
     for long is let go.
     """
 
-    def __init__(self) -> None:
-        self._listener = socket.create_server(("127.0.0.1", 0))
+    def __init__(self, port: int = 0) -> None:
+        self._listener = socket.create_server(("127.0.0.1", port))
         self._listener.setblocking(False)
         self._waiting: dict[socket.socket, bytearray] = {}
 
@@ -28,6 +28,11 @@ class TrackerServer:
     def url(self) -> str:
         """Where to connect: ``tcp://127.0.0.1:PORT``."""
         return f"tcp://127.0.0.1:{self._listener.getsockname()[1]}"
+
+    @property
+    def clients(self) -> int:
+        """How many are listening."""
+        return len(self._waiting)
 
     def send(self, t_s: float, world_from_base: SE2) -> None:
         """Tell everybody where the robot was at ``t_s`` (UNIX seconds of the host's clock)."""

@@ -1,7 +1,10 @@
 """The commands that show."""
 
 from replay.cli.demo import demo
+from replay.cli.diff import diff
+from replay.cli.live import live
 from replay.cli.map import map_
+from replay.cli.replay import replay
 from replay.cli.view import view
 
-COMMANDS = (demo, map_, view)
+COMMANDS = (demo, diff, live, map_, replay, view)

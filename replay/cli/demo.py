@@ -29,9 +29,9 @@ def demo(
 ) -> int:  # fmt: skip
     """The main job: a simulated robot on a real serial line, recorded, mapped and shown."""
     from mapping.config import load_config
-    from replay.demo import demo_folder, record_demo
+    from replay.demo import new_folder, record_demo
 
-    folder = demo_folder(output, force=force)
+    folder = new_folder(output, "echogrid-demo", force=force)
     session, rrd = folder / "demo.mcap", folder / "demo.rrd"
     if not quiet:
         click.echo(f"recording {duration:.0f} s from a serial line into {session}", err=True)

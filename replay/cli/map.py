@@ -3,34 +3,57 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from mapping.cli import config_options
 from recorder.cli import options
+from recorder.errors import BadInput
+from replay.cli.comparing import compare_and_tell
+from replay.cli.probe_option import Point, probe_option
 from replay.cli.telling import map_and_tell
+
+if TYPE_CHECKING:
+    from replay.comparison import Variant
 
 
 @click.command("map", epilog="Example:  echogrid map run.mcap -o run.rrd --export out")
-@click.argument("session", type=options.FILE)
+@click.argument("sessions", nargs=-1, required=True, type=options.FILE)
 @click.option("-o", "--output", required=True, help="The .rrd to write; - for none.")
-@config_options[0]
+@click.option(
+    "--config",
+    "configs",
+    type=options.FILE,
+    multiple=True,
+    help="A TOML file; several make several maps, side by side.",
+)
 @config_options[1]
 @config_options[2]
+@click.option(
+    "--compare",
+    metavar="WHAT",
+    help="Several maps side by side: rules, models, pose, or A.B=C,D with all values of one key.",
+)
 @click.option("--export", type=options.FILE, help="Folder for grids, map files, borders and lines.")
 @click.option(
     "--plugin", "plugins", type=options.FILE, multiple=True, help="A rule or model of your own."
 )
 @click.option("--pose", help="x,y,deg of a robot that stood still: no tracker needed.")
+@probe_option
 @click.option("--rrd-budget-mb", type=click.FloatRange(min=1), help="Size the .rrd stays under.")
 @click.option("--force", is_flag=True, help="Replace outputs that exist.")
 @click.option("--quiet", is_flag=True, help="Say nothing but errors.")
 def map_(
-    session: Path, output: str, configs: tuple[Path, ...], settings: tuple[str, ...],
-    preset: str | None, export: Path | None, plugins: tuple[Path, ...], pose: str | None,
-    rrd_budget_mb: float | None, force: bool, quiet: bool,
+    sessions: tuple[Path, ...], output: str, configs: tuple[Path, ...], settings: tuple[str, ...],
+    preset: str | None, compare: str | None, export: Path | None, plugins: tuple[Path, ...],
+    pose: str | None, probes: tuple[Point, ...], rrd_budget_mb: float | None, force: bool,
+    quiet: bool,
 ) -> int:  # fmt: skip
-    """Map a SESSION, every step into an .rrd recording."""
+    """Map a SESSION, every step into an .rrd recording.
+
+    Several files are one session: its parts, or runs of one robot in one place.
+    """
     from mapping.config import load_config
     from mapping.plugins import load_plugin
 
@@ -42,6 +65,26 @@ def map_(
     if rrd_budget_mb is not None:
         extra.append(f"rerun.budget_mb={rrd_budget_mb}")
     rrd = None if output == "-" else Path(output)
+    session, *more = sessions
+    if compare is not None or len(configs) > 1:
+        variants = _variants(configs, compare, extra, preset)
+        if probes:
+            raise BadInput("--probe follows a cell of one map, not of several side by side")
+        return compare_and_tell(session, variants, rrd, export, more=more, force=force, quiet=quiet)
     return map_and_tell(
-        session, load_config(configs, extra, preset), rrd, export, force=force, quiet=quiet
-    )
+        session, load_config(configs, extra, preset), rrd, export, probes=probes, more=more,
+        force=force, quiet=quiet,
+    )  # fmt: skip
+
+
+def _variants(
+    configs: tuple[Path, ...], compare: str | None, settings: list[str], preset: str | None
+) -> list[Variant]:
+    """Several maps: of one file each, or of one setting's values."""
+    from replay.comparison import from_files, from_values
+
+    if compare is None:
+        return from_files(configs, settings, preset)
+    if len(configs) > 1:
+        raise BadInput("--compare varies one configuration: give one --config with it, or none")
+    return from_values(compare, configs, settings, preset)

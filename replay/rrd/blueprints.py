@@ -6,60 +6,151 @@ something happen; the fused map, the classes and what each reading changed are t
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import rerun as rr
 import rerun.blueprint as rrb
 
 from mapping.artifacts import Started
 from mapping.fusion import FUSED
 from mapping.grid import GridGeometry
 from replay.rrd import layout
+from replay.rrd.display_layers import OF_ONE, OF_SEVERAL, TITLES
 
+MAPS, CHANGES, DISPLAYS = "Maps", "What changed", "Other ways to draw them"
+THRESHOLDS = "Thresholds side by side"
+RANGES = "Range of each reading, metres"
+
+_PERCENT = (-5.0, 105.0)  # of a belief, with a little air
 _MARGIN = 0.02  # of the grid's size, around it
-_WORTH = 0.8  # the sensors' maps may shrink to this, for all maps to be seen together
 _MAP_AREA = (1.4, 1.0)  # shape of the part of a usual window that the maps get
 _TIMELINES = (layout.STEP, layout.READING, layout.TIME)
 
 
-def default_blueprint(started: Started) -> rrb.Blueprint:
-    """The layout for a grid and its layers."""
+def default_blueprint(
+    started: Started,
+    *,
+    probes: Sequence[str] = (),
+    displays: Sequence[str] = (),
+    following: bool = False,
+    thresholds: Sequence[float] = (),
+) -> rrb.Blueprint:
+    """The layout for a grid and its layers.
+
+    ``probes`` are the names of the watched cells, ``displays`` the further ways in which the maps
+    are drawn. ``thresholds`` stand side by side in a tab. ``following`` stays at what
+    happened last.
+    """
+    tabs = [*_tabs(started, displays), *_threshold_tab(started, thresholds)]
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Tabs(*tabs, active_tab=0),
+            rrb.Vertical(
+                rrb.TextDocumentView(origin=layout.EXPLANATION, name="What this step does"),
+                _plots(probes),
+                _papers(probes),
+                row_shares=[4, 3, 4],
+            ),
+            column_shares=[7, 3],
+        ),
+        rrb.TimePanel(
+            timeline=layout.STEP, play_state="following" if following else "paused",
+            state="collapsed", fps=4.0,
+        ),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )  # fmt: skip
+
+
+def _tabs(started: Started, displays: Sequence[str]) -> list[rrb.View | rrb.Container]:
+    """The maps, what changed, and the other ways to draw the maps; each tab has its name."""
     sensors = [name for name in started.layers if name != FUSED] or [FUSED]
     geometry = started.geometry
-    maps = [_layer_view(name, geometry) for name in sensors]
+    maps = [layer_view(name, geometry, displays) for name in sensors]
     together = []
     if FUSED in started.layers and FUSED not in sensors:
-        together.append(_layer_view(FUSED, geometry, name="fused"))
+        together.append(layer_view(FUSED, geometry, displays, name="fused"))
         together.append(
             _map_view("classes: where the sensors agree", [f"{layout.CLASSES}/**"], geometry)
         )
-    room_for_all = _scale(len(maps) + 2, geometry) >= _WORTH * _scale(len(maps), geometry)
-    tabs: list[rrb.View | rrb.Container]
-    if together and room_for_all:
-        tabs = [_beside("Maps", [*maps, *together], geometry)]
-    else:
-        tabs = [_beside("Maps", maps, geometry), *together]
-    changes = [_layer_view(name, geometry, changes=True) for name in sensors]
-    tabs.append(_beside("What changed", changes, geometry))
-    beside = rrb.Vertical(
-        rrb.TextDocumentView(origin=layout.EXPLANATION, name="What this step does"),
-        rrb.TimeSeriesView(
-            origin=layout.RANGES, name="Range of each reading, metres",
-            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
-        ),
-        rrb.Tabs(
-            rrb.TextDocumentView(origin=layout.LEGEND, name="What the colours mean"),
-            rrb.TextDocumentView(origin=layout.CONFIG, name="Configuration"),
-            rrb.TextLogView(origin=layout.NOTICE, name="Left out"),
-        ),
-        row_shares=[4, 3, 4],
+    tabs: list[rrb.View | rrb.Container] = [beside(MAPS, maps, geometry), *together]
+    changes = [layer_view(name, geometry, changes=True) for name in sensors]
+    tabs.append(beside(CHANGES, changes, geometry))
+    pictures = _display_views(started, displays)
+    if pictures:
+        tabs.append(beside(DISPLAYS, pictures, geometry))
+    return tabs
+
+
+def _threshold_tab(started: Started, thresholds: Sequence[float]) -> list[rrb.Container]:
+    """A row of pictures for each layer: what is occupied above each threshold."""
+    if not thresholds:
+        return []
+    views = [
+        _map_view(f"{layer} > {t:g}", [f"{layout.compared(layer, t)}/**"], started.geometry)
+        for layer in started.layers
+        for t in thresholds
+    ]
+    return [rrb.Grid(*views, grid_columns=len(thresholds), name=THRESHOLDS)]
+
+
+def _plots(probes: Sequence[str]) -> rrb.View | rrb.Container:
+    """Ranges over time; with watched cells, their beliefs before them."""
+    ranges = rrb.TimeSeriesView(
+        origin=layout.RANGES, name=RANGES,
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
     )  # fmt: skip
-    return rrb.Blueprint(
-        rrb.Horizontal(rrb.Tabs(*tabs, active_tab=0), beside, column_shares=[7, 3]),
-        rrb.TimePanel(timeline=layout.STEP, play_state="paused", state="collapsed", fps=4.0),
-        rrb.SelectionPanel(state="collapsed"),
-        rrb.BlueprintPanel(state="collapsed"),
+    beliefs = [
+        rrb.TimeSeriesView(
+            origin=f"{layout.probe(number)}/belief", name=f"Belief in the cell at {name}",
+            axis_x=rrb.TimeAxis(view_range=_whole_run()),
+            axis_y=rrb.ScalarAxis(range=_PERCENT, zoom_lock=True),
+            plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightBottom),
+        )
+        for number, name in enumerate(probes)
+    ]  # fmt: skip
+    return rrb.Tabs(*beliefs, ranges, active_tab=0) if beliefs else ranges
+
+
+def _whole_run() -> rr.TimeRange:
+    """From the first step to the last, on whichever timeline."""
+    return rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+
+
+def _papers(probes: Sequence[str]) -> rrb.Container:
+    """What can be read beside the maps; with watched cells, their stories before the rest."""
+    told: list[rrb.View] = []
+    for number, name in enumerate(probes):
+        told.append(
+            rrb.TextDocumentView(origin=layout.probe_story(number), name=f"Why is {name} so?")
+        )
+        told.append(rrb.TextLogView(origin=layout.probe_log(number), name=f"Readings at {name}"))
+    return rrb.Tabs(
+        *told,
+        rrb.TextDocumentView(origin=layout.LEGEND, name="What the colours mean"),
+        rrb.TextDocumentView(origin=layout.CONFIG, name="Configuration"),
+        rrb.TextLogView(origin=layout.NOTICE, name="Left out"),
+        active_tab=0,
     )
 
 
-def _beside(name: str, views: list[rrb.View], geometry: GridGeometry) -> rrb.View | rrb.Container:
+def _display_views(started: Started, displays: Sequence[str]) -> list[rrb.View]:
+    """A view for each other way to draw the last layer, or all layers in one picture."""
+    geometry, last = started.geometry, started.layers[-1]
+    several = len([name for name in started.layers if name != FUSED]) > 1
+    views: list[rrb.View] = []
+    for name in displays:
+        if name in OF_ONE:
+            entity, title = layout.display(last, name), f"{last}: {TITLES[name]}"
+        elif several:
+            entity, title = layout.display("", name), TITLES[name]
+        else:
+            continue
+        views.append(_map_view(title, [entity, layout.WALLS], geometry))
+    return views
+
+
+def beside(name: str, views: list[rrb.View], geometry: GridGeometry) -> rrb.View | rrb.Container:
     """Views in rows and columns, so that the maps come out as large as they can."""
     if len(views) == 1:
         return views[0]
@@ -71,30 +162,42 @@ def _columns(count: int, geometry: GridGeometry) -> int:
     return max(range(1, count + 1), key=lambda columns: _fit(count, columns, geometry))
 
 
-def _scale(count: int, geometry: GridGeometry) -> float:
-    """How large that many maps are drawn, together, at best."""
-    return _fit(count, _columns(count, geometry), geometry)
-
-
 def _fit(count: int, columns: int, geometry: GridGeometry) -> float:
     width, height = geometry.size_m
     rows = -(-count // columns)
     return min(_MAP_AREA[0] / columns / width, _MAP_AREA[1] / rows / height)
 
 
-def _layer_view(
-    layer: str, geometry: GridGeometry, *, name: str = "", changes: bool = False
+def layer_view(
+    layer: str,
+    geometry: GridGeometry,
+    displays: Sequence[str] = (),
+    *,
+    name: str = "",
+    changes: bool = False,
+    root: str = "",
 ) -> rrb.Spatial2DView:
-    """One layer with its overlays; ``changes`` shows what a reading changed, not what it says."""
-    hidden = layout.temp(layer) if changes else layout.change(layer)
-    contents = [f"{layout.layer_root(layer)}/**", layout.ROBOT, layout.PATH, layout.WALLS]
-    overrides = {
-        hidden: rrb.EntityBehavior(visible=False),
+    """One layer with its overlays; ``changes`` shows what a reading changed, not what it says.
+
+    The other ways to draw it lie over it, hidden; switch one on in the viewer's list of entities.
+    ``root`` is what one of several maps in the recording lies below.
+    """
+    pictures = [layout.display(layer, each) for each in displays if each in OF_ONE]
+    if layer == FUSED:
+        pictures += [layout.display("", each) for each in displays if each in OF_SEVERAL]
+    contents = [
+        f"{layout.layer_root(layer)}/**", layout.ROBOT, layout.PATH, layout.WALLS,
+        f"{layout.PROBE_MARKS}/**", *pictures,
+    ]  # fmt: skip
+    hidden = [layout.temp(layer) if changes else layout.change(layer), *pictures]
+    overrides: dict[str, rrb.EntityBehavior | rrb.VisibleTimeRanges] = {
+        **{entity: rrb.EntityBehavior(visible=False) for entity in hidden},
         layout.points(layer): _from_the_start(),
         layout.PATH: _from_the_start(),
     }
     title = name or (f"{layer}: what changed" if changes else layer)
-    return _map_view(title, contents, geometry, overrides)
+    below = {f"{root}{entity}": how for entity, how in overrides.items()}
+    return _map_view(title, contents, geometry, below, root=root)
 
 
 def _map_view(
@@ -102,6 +205,7 @@ def _map_view(
     contents: list[str],
     geometry: GridGeometry,
     overrides: dict[str, rrb.EntityBehavior | rrb.VisibleTimeRanges] | None = None,
+    root: str = "",
 ) -> rrb.Spatial2DView:
     """A view of the map plane, y up, that the whole grid just fits into."""
     (x, y), (width, height) = geometry.origin_m, geometry.size_m
@@ -110,8 +214,8 @@ def _map_view(
         x_range=[x - margin, x + width + margin], y_range=[-(y + height) - margin, -y + margin]
     )
     return rrb.Spatial2DView(
-        origin="/", contents=[layout.MAP, *contents], name=name, visual_bounds=bounds,
-        overrides=overrides,
+        origin="/", contents=[root + each for each in (layout.MAP, *contents)], name=name,
+        visual_bounds=bounds, overrides=overrides,
     )  # fmt: skip
 
 

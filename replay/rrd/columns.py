@@ -17,6 +17,7 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from replay.rrd import layout
+from replay.rrd.pictures import strength_png
 
 Columns = list[rr.ComponentColumn]
 Pack = Callable[[Sequence[Any]], Columns]
@@ -34,14 +35,17 @@ class Stamp:
 class ColumnBuffer:
     """Rows by entity and pack, until they are sent.
 
-    ``bytes`` is roughly what waits, ``chunks`` how many were sent.
+    ``bytes`` is roughly what waits, ``chunks`` how many were sent; ``exact_bytes`` is what exact
+    values took of all that was ever added.
     """
 
     def __init__(self, recording: rr.RecordingStream) -> None:
         self._recording = recording
         self._rows: dict[tuple[str, Pack], tuple[list[Stamp], list[Any]]] = {}
+        self._before_sending: list[Callable[[], None]] = []
         self.bytes = 0
         self.chunks = 0
+        self.exact_bytes = 0
 
     def add(self, entity: str, pack: Pack, stamp: Stamp, value: Any, size: int = 64) -> None:
         """Keep one row; ``size`` is how many bytes its value takes."""
@@ -50,12 +54,18 @@ class ColumnBuffer:
         values.append(value)
         self.bytes += size
 
+    def before_sending(self, last_call: Callable[[], None]) -> None:
+        """Call this before rows are sent, to add what was held back."""
+        self._before_sending.append(last_call)
+
     def send(self) -> None:
         """Hand all rows to the recording, as one chunk for each entity and pack.
 
         The records of the steps go last: a file that was cut off never tells of a step whose
         values it lost.
         """
+        for last_call in self._before_sending:
+            last_call()
         in_order = sorted(self._rows.items(), key=lambda rows: rows[0][0] == layout.STEPS)
         for (entity, pack), (stamps, values) in in_order:
             self._recording.send_columns(entity, _indexes(stamps), pack(values), strict=True)
@@ -103,6 +113,8 @@ def _texts(name: str, rows: Sequence[str]) -> rr.ComponentColumn:
 _BLOB = pa.list_(pa.field("item", pa.uint8(), nullable=False))
 _BUFFER = next(iter(rr.SegmentationImage.columns(buffer=[b"0"]))).component_descriptor()
 
+_PNG = next(iter(rr.EncodedImage.columns(blob=[b"0"]))).component_descriptor()
+
 
 def image_format(shape: tuple[int, ...]) -> rr.components.ImageFormat:
     """One byte a cell, rows and columns as in ``shape``."""
@@ -121,25 +133,26 @@ def class_images(rows: Sequence[NDArray[np.uint8]]) -> Columns:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A picture of classes with its place: the outer corner of its cell (0, 0), metres."""
+    """A PNG with its place: the outer corner of its cell (0, 0), and the side of a cell, metres."""
 
     corner_m: tuple[float, float]
     cell_m: float
-    cells: NDArray[np.uint8]
+    png: bytes
 
 
-NOTHING = Patch((0.0, 0.0), 1.0, np.zeros((1, 1), np.uint8))
+NOTHING = Patch((0.0, 0.0), 1.0, strength_png(np.zeros((1, 1), np.uint8)))
 
 
 def patches(rows: Sequence[Patch]) -> Columns:
-    """Pictures whose place and size differ from row to row; class 0 is transparent.
+    """Pictures whose place and size differ from row to row; row 0 lies at the lowest y.
 
     The scale is written again each time: a transform is taken from one row, whole.
     """
-    formats = [image_format(row.cells.shape) for row in rows]
+    flat = np.frombuffer(b"".join(row.png for row in rows), np.uint8)
+    offsets = pa.array(_offsets([len(row.png) for row in rows]))
+    blobs = pa.ListArray.from_arrays(offsets, pa.array(flat), type=_BLOB)
     return [
-        *class_images([row.cells for row in rows]),
-        *rr.SegmentationImage.columns(format=formats),
+        rr.ComponentColumn(_PNG, _Arrow(blobs)),
         *rr.Transform3D.columns(
             translation=[[*row.corner_m, 0.0] for row in rows],
             scale=[[row.cell_m] * 3 for row in rows],
@@ -182,6 +195,20 @@ def strips(rows: Sequence[Sequence[NDArray[np.float64]]]) -> Columns:
     offsets = pa.array(_offsets([len(strip) for strip in every]))
     lists = pa.ListArray.from_arrays(offsets, pairs, type=_STRIP)
     return [rr.ComponentColumn(_STRIPS, _Arrow(lists), offsets=_offsets(lengths))]
+
+
+_LABELS = next(
+    each
+    for each in rr.LineStrips2D.columns(labels=["a"])
+    if "labels" in str(each.component_descriptor())
+).component_descriptor()
+
+
+def labels(rows: Sequence[Sequence[str]]) -> Columns:
+    """What each strip of an entity is called, in the order of the strips."""
+    every = [label for row in rows for label in row]
+    array = _Arrow(pa.array(every, pa.string()))
+    return [rr.ComponentColumn(_LABELS, array, offsets=_offsets([len(row) for row in rows]))]
 
 
 def arrows(rows: Sequence[NDArray[np.float64]]) -> Columns:
@@ -229,9 +256,27 @@ def beam_records(rows: Sequence[BeamRecord]) -> Columns:
     ]
 
 
-def layer_records(rows: Sequence[tuple[str, str]]) -> Columns:
-    """The unit of a layer's values, and its update rule."""
-    return [_texts("kind", [row[0] for row in rows]), _texts("rule", [row[1] for row in rows])]
+@dataclass(frozen=True, slots=True)
+class LayerRecord:
+    """The unit of a layer's values, its update rule, and what a cell holds before any reading."""
+
+    kind: str
+    rule: str
+    start: float
+
+
+def layer_records(rows: Sequence[LayerRecord]) -> Columns:
+    """What is known of a layer once its first reading was merged."""
+    return [
+        _texts("kind", [row.kind for row in rows]),
+        _texts("rule", [row.rule for row in rows]),
+        _joined("start", [np.array([row.start]) for row in rows]),
+    ]
+
+
+def history_records(rows: Sequence[bytes]) -> Columns:
+    """What readings did to a layer's values, exactly; see :mod:`replay.rrd.history`."""
+    return [_joined("history", [np.frombuffer(row, np.uint8) for row in rows])]
 
 
 def number_records(rows: Sequence[NDArray[Any]]) -> Columns:

@@ -8,21 +8,23 @@ from __future__ import annotations
 
 import contextlib
 import io
-import subprocess
-import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable
 from pathlib import Path
 from types import TracebackType
+from typing import Any, TypeVar
 
 from PIL import Image
 from rerun.experimental import ViewerClient
 
 from recorder.errors import BadInput
-from replay.rrd.program import LOCAL, free_ports, is_listening, viewer_environment, viewer_program
+from replay.rrd.program import LOCAL
+from replay.rrd.viewer_process import NEEDS_DRIVER, ViewerProcess, until
 
-NEEDS_DRIVER = "no Vulkan driver for the viewer: sudo apt install mesa-vulkan-drivers"
-_START_S, _LOAD_S, _PAINT_S = 30.0, 60.0, 0.4
+__all__ = ["NEEDS_DRIVER", "HeadlessViewer"]
+
+_LOAD_S, _PAINT_S, _ANSWER_S = 120.0, 0.4, 120.0
+T = TypeVar("T")
 
 
 class HeadlessViewer:
@@ -32,17 +34,13 @@ class HeadlessViewer:
     """
 
     def __init__(self, path: str | Path, *, size: tuple[int, int] = (1600, 1000)) -> None:
-        self._log = tempfile.TemporaryFile()  # noqa: SIM115 (closed by stop)
-        port = free_ports(1)[0]
-        self._process = subprocess.Popen(
-            [str(viewer_program()), "--headless", "--bind", LOCAL, "--port", str(port),
-             "--window-size", f"{size[0]}x{size[1]}"],
-            env=viewer_environment(), stdin=subprocess.DEVNULL, stdout=self._log,
-            stderr=subprocess.STDOUT,
+        self._viewer = ViewerProcess(
+            lambda ports: ["--headless", "--port", str(ports[0]),
+                           "--window-size", f"{size[0]}x{size[1]}"], 1,
         )  # fmt: skip
         try:
-            self._wait_for(port)
-            self._client = ViewerClient.connect(f"rerun+http://{LOCAL}:{port}/proxy")
+            url = f"rerun+http://{LOCAL}:{self._viewer.ports[0]}/proxy"
+            self._client = ViewerClient.connect(url)
             self._open(Path(path))
         except BaseException:
             self.stop()
@@ -61,18 +59,12 @@ class HeadlessViewer:
 
     def stop(self) -> None:
         """End the viewer."""
-        self._process.terminate()
-        try:
-            self._process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self._log.close()
+        self._viewer.stop()
 
     @property
     def steps(self) -> tuple[int, int]:
         """First and last step of the recording."""
-        for timeline in self._client.get_state().recordings[0].timelines:
+        for timeline in self._ask(self._client.get_state).recordings[0].timelines:
             if timeline.name == "step":
                 return int(timeline.start), int(timeline.end)
         raise BadInput("the recording has no steps")
@@ -80,74 +72,98 @@ class HeadlessViewer:
     @property
     def now(self) -> tuple[str, int]:
         """The timeline and the time on it that the viewer stands at."""
-        recording = self._client.get_state().recordings[0]
+        recording = self._ask(self._client.get_state).recordings[0]
         return str(recording.current_timeline), int(recording.current_time or 0)
 
     @property
     def process_id(self) -> int:
         """Of the viewer."""
-        return self._process.pid
+        return self._viewer.process_id
 
     @property
     def views(self) -> list[str]:
         """Names of the views that can be seen."""
-        return [view.name for view in self._client.get_state().views if view.visible]
+        return [view.name for view in self._ask(self._client.get_state).views if view.visible]
 
     @property
     def complaints(self) -> list[str]:
         """What any view reported as wrong with what it shows."""
         return [
             f"{view.name}: {report.severity} {report.summary}"
-            for view in self._client.get_state().views
+            for view in self._ask(self._client.get_state).views
             for report in view.reports
         ]
 
     def go_to(self, step: int, timeline: str = "step") -> None:
         """Move the viewer to a step, paused."""
-        self._client.set_time(timeline, sequence=step, play_state="paused")
+        self._ask(self._client.set_time, timeline, sequence=step, play_state="paused")
         time.sleep(_PAINT_S)
 
     def screenshot(self, view: str | None = None) -> Image.Image:
         """A picture of a view, by its name, or of the whole window."""
-        shown = self._client.get_state().views
+        shown = self._ask(self._client.get_state).views
         ids = {each.name: each.view_id for each in shown}
         if view is not None and view not in ids:
             raise BadInput(f"the recording has no view {view!r}; there are {', '.join(ids)}")
-        png = self._client.take_screenshot(None if view is None else ids[view])
+        png = self._ask(self._client.take_screenshot, None if view is None else ids[view])
         return Image.open(io.BytesIO(png)).convert("RGB")
 
-    def _wait_for(self, port: int) -> None:
-        for _ in _until(_START_S):
-            if self._process.poll() is not None:
-                raise BadInput(self._why_not())
-            if is_listening(port):
-                return
-        raise BadInput("the viewer did not start in time")
+    def bring_to_front(self, name: str) -> None:
+        """Open the tab in which a view of that name, or a group of views, lies."""
+        layout = self._layout()
+        names = ("ViewBlueprint", "ContainerBlueprint")
+        found = [
+            path.lstrip("/") for path, parts in layout.items()
+            if any(parts.get(each, {}).get("display_name") == name for each in names)
+        ]  # fmt: skip
+        if not found:
+            raise BadInput(f"the recording has no view {name!r}")
+        inner: str | None = found[0]
+        while inner is not None:
+            inner = _open_tab(layout, inner)
+        self._ask(self._client.set_blueprint, layout, of="recording")
+        time.sleep(_PAINT_S)
+
+    def switch(self, view: str, *entities: str, on: bool) -> None:
+        """Show or hide entities in the view of that name."""
+        layout = self._layout()
+        for path, parts in list(layout.items()):
+            if parts.get("ViewBlueprint", {}).get("display_name") == view:
+                for entity in entities:
+                    place = f"{path}/ViewContents/overrides{entity}/visualizers"
+                    layout.setdefault(place, {})["EntityBehavior"] = {"visible": on}
+        self._ask(self._client.set_blueprint, layout, of="recording")
+        time.sleep(_PAINT_S)
+
+    def _ask(self, what: Callable[..., T], *arguments: Any, **options: Any) -> T:
+        """Ask the viewer, again where it is too busy to answer in time."""
+        for _ in until(_ANSWER_S):
+            with contextlib.suppress(TimeoutError):
+                return what(*arguments, **options)
+            self._viewer.check()
+        raise BadInput("the viewer does not answer")
+
+    def _layout(self) -> dict[str, Any]:
+        return dict(self._ask(self._client.get_blueprint, of="recording").blueprint)
 
     def _open(self, path: Path) -> None:
         self._client.open([str(path.resolve())])
-        for _ in _until(_LOAD_S):
-            if self._process.poll() is not None:
-                raise BadInput(self._why_not())
+        for _ in until(_LOAD_S):
+            self._viewer.check()
             with contextlib.suppress(RuntimeError, ConnectionError):
-                state = self._client.get_state()
+                state = self._ask(self._client.get_state)
                 if state.recordings and state.views and not state.loading:
                     time.sleep(_PAINT_S)
                     return
         raise BadInput(f"{path}: the viewer did not load it in time")
 
-    def _why_not(self) -> str:
-        self._log.seek(0)
-        said = self._log.read().decode(errors="replace")
-        if "No graphics adapter" in said or "adapter" in said.lower():
-            return NEEDS_DRIVER
-        lines = said.strip().splitlines() or ["it did not say why"]
-        return f"the viewer stopped: {lines[-1]}"
 
-
-def _until(seconds: float) -> Iterator[None]:
-    """Once every tenth of a second, until the time is over."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end:
-        yield
-        time.sleep(0.1)
+def _open_tab(layout: dict[str, Any], inner: str) -> str | None:
+    """Open the tab ``inner`` of the container that holds it; that container, if there is one."""
+    for path, parts in layout.items():
+        container = parts.get("ContainerBlueprint", {})
+        if inner in container.get("contents", []):
+            if container["container_kind"] == "Tabs":
+                container["active_tab"] = inner
+            return path.lstrip("/")
+    return None

@@ -26,13 +26,22 @@ CONFIG = "/config"
 LEGEND = "/legend"
 STEPS = "/steps"
 NOTICE = "/notice"
+HISTORIES = "/histories"
+MAPS = "/maps"  # the names of several maps in one recording
+PROBES = "/probes"
+# Named to come after the layers: of pictures, the viewer lays the later name over the earlier.
+DISPLAY, TOGETHER = f"{MAP}/pictures", f"{MAP}/pictures_of_several"
+THRESHOLDS = f"{MAP}/thresholds"
+PROBE_MARKS = f"{MAP}/probes"
 
 STEP, READING, TIME = "step", "reading", "time"
 
 # What is drawn over what, from below.
 ORDER_TILES, ORDER_CLASSES, ORDER_THRESHOLDED, ORDER_PATCH = 0.0, 1.0, 2.0, 3.0
+ORDER_NEVER_SEEN, ORDER_DISPLAY = -1.0, 2.5
 ORDER_WALLS, ORDER_BORDERS, ORDER_PATH, ORDER_POINTS = 5.0, 6.0, 7.0, 8.0
-ORDER_SEGMENTS, ORDER_BEAM, ORDER_ROBOT = 9.0, 10.0, 11.0
+ORDER_SEGMENTS, ORDER_BEAM, ORDER_ROBOT, ORDER_PROBE = 9.0, 10.0, 11.0, 12.0
+ORDER_STAGES = 9.5
 
 Colour = tuple[int, int, int, int]
 
@@ -46,6 +55,11 @@ RAW_SEGMENT: Colour = (130, 60, 220, 255)
 OCCUPIED: Colour = (255, 205, 0, 150)
 ROBOT_COLOUR: Colour = (0, 150, 136, 255)
 PATH_COLOUR: Colour = (0, 150, 136, 150)
+PROBE: Colour = (255, 0, 255, 255)
+PAPER: Colour = (245, 245, 240, 255)
+INK: Colour = (70, 75, 90, 255)
+STAGE_PIECE: Colour = (0, 150, 255, 255)
+STAGE_PLACE: Colour = (220, 0, 0, 255)
 # One colour a sensor, in the map and in the plot of ranges.
 SENSORS: tuple[Colour, ...] = (
     (255, 105, 0, 255), (0, 114, 190, 255), (126, 47, 142, 255), (90, 150, 20, 255),
@@ -90,7 +104,7 @@ def class_colour_name(name: str, number: int) -> str:
 
 def layer_root(layer: str) -> str:
     """Where all of a layer lies; characters that mean something in a path are escaped."""
-    return f"{MAP}/layers/{_part(layer)}"
+    return f"{MAP}/layers/{part(layer)}"
 
 
 def merged(layer: str) -> str:
@@ -103,9 +117,19 @@ def tile(root: str, row: int, col: int) -> str:
     return f"{root}/t{row:02d}_{col:02d}"
 
 
+def never_seen(root: str) -> str:
+    """What lies below all tiles of a root: cells of which nothing was ever said."""
+    return f"{root}/never_seen"
+
+
+def history(layer: str) -> str:
+    """Every value of a layer at every reading, for the reader alone."""
+    return f"{HISTORIES}/{part(layer)}"
+
+
 def extra(layer: str, name: str) -> str:
     """A further array of a layer, whole, at its snapshots."""
-    return f"{layer_root(layer)}/extra/{_part(name)}"
+    return f"{layer_root(layer)}/extra/{part(name)}"
 
 
 def temp(layer: str) -> str:
@@ -114,8 +138,11 @@ def temp(layer: str) -> str:
 
 
 def change(layer: str) -> str:
-    """What the newest reading changed, over the map."""
-    return f"{layer_root(layer)}/change"
+    """What the newest reading changed, over the map.
+
+    Its name comes after that of the cells: the viewer lays encoded pictures by name.
+    """
+    return f"{layer_root(layer)}/what_changed"
 
 
 def beam(layer: str) -> str:
@@ -143,9 +170,29 @@ def borders(layer: str) -> str:
     return f"{layer_root(layer)}/borders"
 
 
+def compared(layer: str, threshold: float) -> str:
+    """A layer at one of several thresholds that are shown side by side."""
+    return f"{THRESHOLDS}/{part(layer)}/{part(f'{threshold:g}')}"
+
+
+def start_of_border(layer: str) -> str:
+    """Where the newest border starts, and which way it goes."""
+    return f"{layer_root(layer)}/border_start"
+
+
+def tracer(layer: str, what: str) -> str:
+    """The tracer on its way: its ``path``, the cells ``tried`` and the ``next`` one."""
+    return f"{layer_root(layer)}/tracer/{what}"
+
+
+def line_stage(layer: str, what: str) -> str:
+    """What was done on the way to lines: the ``pieces`` and the ``places``."""
+    return f"{layer_root(layer)}/line_stage/{what}"
+
+
 def segments(layer: str, source: str) -> str:
     """The root of a layer's segments from ``source``; numbered groups lie below."""
-    return f"{layer_root(layer)}/segments/{_part(source)}"
+    return f"{layer_root(layer)}/segments/{part(source)}"
 
 
 def group(root: str, number: int) -> str:
@@ -155,10 +202,46 @@ def group(root: str, number: int) -> str:
 
 def sensor_range(sensor: str) -> str:
     """The plot of one sensor's ranges."""
-    return f"{RANGES}/{_part(sensor)}"
+    return f"{RANGES}/{part(sensor)}"
 
 
-def _part(name: str) -> str:
+def predicted_range(sensor: str) -> str:
+    """The plot of what the map so far foretells for one sensor."""
+    return f"{RANGES}/{part(sensor)}/foretold"
+
+
+def display(layer: str, name: str) -> str:
+    """A layer drawn in another way; several layers drawn into one picture have no layer."""
+    return f"{DISPLAY}/{part(layer)}/{part(name)}" if layer else f"{TOGETHER}/{part(name)}"
+
+
+def probe(number: int) -> str:
+    """Where all that is told of a watched cell lies."""
+    return f"{PROBES}/{number}"
+
+
+def probe_belief(number: int, layer: str) -> str:
+    """The plot of a layer's belief in a watched cell."""
+    return f"{probe(number)}/belief/{part(layer)}"
+
+
+def probe_log(number: int) -> str:
+    """The list of the readings that reached a watched cell."""
+    return f"{probe(number)}/readings"
+
+
+def probe_story(number: int) -> str:
+    """What moved a watched cell most, in words."""
+    return f"{probe(number)}/story"
+
+
+def probe_mark(number: int) -> str:
+    """The mark of a watched cell on the map."""
+    return f"{PROBE_MARKS}/{number}"
+
+
+def part(name: str) -> str:
+    """A name as one part of an entity's path."""
     return re.sub(r"([^\w.-])", r"\\\1", name)
 
 

@@ -17,15 +17,15 @@ class Results:
 
     def __init__(self, canvas: Canvas) -> None:
         self._canvas = canvas
-        self._gathered: dict[str, list[list[NDArray[np.float64]]]] = {}
+        self._gathered: dict[str, list[list[tuple[NDArray[np.float64], str]]]] = {}
 
     def draw_snapshot(self, snapshot: Snapshot) -> None:
         """A whole layer, with its exact values and its rule's further arrays."""
         layer, canvas = snapshot.layer, self._canvas
         state = canvas.begin(layer.name, layer.kind, snapshot.rule)
-        state.observed[:] = layer.observed
+        state.see_whole(layer.observed)
         state.update(layer.geometry.whole, layer.values, layer.probability)
-        canvas.draw_layer(layer.name, exact=True)
+        canvas.draw_whole(layer.name)
         for name, array in layer.extra.items():
             values = np.asarray(array, np.float32)
             entity = layout.extra(layer.name, name)
@@ -53,7 +53,8 @@ class Results:
         """One more border, closed, through the centres of its cells."""
         root = layout.borders(border.layer)
         centres = border.geometry.centres_of(np.vstack([border.cells, border.cells[:1]]))
-        entity = self._gather(root, centres, scene.set_up_borders)
+        label = f"border {border.number}, {'outer' if border.outer else 'hole'}"
+        entity = self._gather(root, centres, scene.set_up_borders, label)
         record = np.column_stack(
             [np.full(len(border.cells), border.number), np.full(len(border.cells), border.outer),
              border.cells]
@@ -72,7 +73,9 @@ class Results:
         """One more straight line."""
         root = layout.segments(segment.layer, segment.source)
         set_up = functools.partial(scene.set_up_segments, raw=segment.source == "raw")
-        entity = self._gather(root, np.array([segment.start_m, segment.end_m]), set_up)
+        label = f"{segment.length_m:.2f} m, rms {1000 * segment.rms_m:.0f} mm, n {segment.points}"
+        ends = np.array([segment.start_m, segment.end_m])
+        entity = self._gather(root, ends, set_up, label)
         border = np.nan if segment.border is None else segment.border
         record = np.array(
             [*segment.start_m, *segment.end_m, segment.rho_m, segment.alpha_rad,
@@ -81,18 +84,22 @@ class Results:
         )  # fmt: skip
         self._canvas.add(entity, columns.number_records, record, record.nbytes)
 
-    def _gather(self, root: str, strip: NDArray[np.float64], set_up: scene.SetUp) -> str:
+    def _gather(
+        self, root: str, strip: NDArray[np.float64], set_up: scene.SetUp, label: str
+    ) -> str:
         """Add a strip to the newest group below a root, and draw that group; its entity."""
         groups = self._gathered.setdefault(root, [[]])
         if len(groups[-1]) == layout.GROUP:
             groups.append([])
-        groups[-1].append(strip)
+        groups[-1].append((strip, label))
         entity = layout.group(root, len(groups) - 1)
         self._canvas.prepare(entity, set_up)
-        strips = list(groups[-1])
+        strips, labels = [each[0] for each in groups[-1]], [each[1] for each in groups[-1]]
         self._canvas.add(entity, columns.strips, strips, sum(s.nbytes for s in strips))
+        self._canvas.add(entity, columns.labels, labels, sum(len(text) for text in labels))
         return entity
 
     def _restart(self, root: str) -> None:
         for number, _ in enumerate(self._gathered.pop(root, [])):
             self._canvas.add(layout.group(root, number), columns.strips, [])
+            self._canvas.add(layout.group(root, number), columns.labels, [])

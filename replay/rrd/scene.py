@@ -13,10 +13,11 @@ import numpy as np
 import rerun as rr
 
 from mapping.artifacts import Started
+from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.columns import image_format
 from replay.rrd.layout import Colour, Tiling
-from replay.rrd.pictures import Named, percent_names, strength_names
+from replay.rrd.pictures import Named, percent_names
 from replay.rrd.words import LEGEND
 
 _MARKDOWN = "text/markdown"
@@ -45,17 +46,21 @@ def set_up(recording: rr.RecordingStream, started: Started, config_text: str) ->
     _static(recording, layout.ROBOT, rr.Arrows2D.from_fields(
         colors=[layout.ROBOT_COLOUR], radii=[-3.0], draw_order=layout.ORDER_ROBOT
     ))  # fmt: skip
-    _static(recording, layout.EXPLANATION, rr.TextDocument.from_fields(media_type=_MARKDOWN))
+    set_up_story(recording, layout.EXPLANATION)
     _static(recording, layout.LEGEND, rr.TextDocument(LEGEND, media_type=_MARKDOWN))
     _static(recording, layout.CONFIG, rr.TextDocument(config_text, media_type="text/plain"))
+
+
+def set_up_story(recording: rr.RecordingStream, entity: str) -> None:
+    """That the texts of an entity are markdown."""
+    _static(recording, entity, rr.TextDocument.from_fields(media_type=_MARKDOWN))
 
 
 def set_up_layer(recording: rr.RecordingStream, layer: str, colour: Colour) -> None:
     """The styles of one layer's overlays and lines; its sensor's things are in ``colour``."""
     for patch in (layout.temp(layer), layout.change(layer)):
-        _colour_table(recording, patch, strength_names())
-        _static(recording, patch, rr.SegmentationImage.from_fields(
-            opacity=0.999, draw_order=layout.ORDER_PATCH
+        _static(recording, patch, rr.EncodedImage.from_fields(
+            media_type="image/png", opacity=0.999, draw_order=layout.ORDER_PATCH
         ))  # fmt: skip
     _colour_table(recording, layout.merged(layer), percent_names())
     occupied = [(0, "", (0, 0, 0, 0)), (1, "above the threshold", layout.OCCUPIED)]
@@ -67,34 +72,64 @@ def set_up_layer(recording: rr.RecordingStream, layer: str, colour: Colour) -> N
         ))  # fmt: skip
 
 
-def set_up_tiles(
-    recording: rr.RecordingStream, root: str, tiling: Tiling, *, order: float, opaque: bool
+def set_up_tile(
+    recording: rr.RecordingStream, entity: str, tiling: Tiling, place: tuple[int, int], *,
+    order: float, opaque: bool,
+) -> None:  # fmt: skip
+    """Place and size of one tile, so that its rows hold nothing but cells."""
+    geometry, window = tiling.geometry, tiling.window(*place)
+    corner = [*layout.corner_m(geometry, window), 0.0]
+    look = rr.SegmentationImage.from_fields(
+        format=image_format((window.rows, window.cols)),
+        opacity=1.0 if opaque else 0.999,
+        draw_order=order,
+    )
+    where = rr.Transform3D(translation=corner, scale=geometry.resolution_m)
+    _static(recording, entity, where, look)
+
+
+def set_up_never_seen(
+    recording: rr.RecordingStream, root: str, geometry: GridGeometry, number: int
 ) -> None:
-    """Place and size of every tile below ``root``, so that its rows hold nothing but cells."""
-    geometry = tiling.geometry
-    style = rr.SegmentationImage.from_fields
-    for row, col in tiling:
-        window = tiling.window(row, col)
-        entity = layout.tile(root, row, col)
-        corner = [*layout.corner_m(geometry, window), 0.0]
-        place = rr.Transform3D(translation=corner, scale=geometry.resolution_m)
-        look = style(
-            format=image_format((window.rows, window.cols)),
-            opacity=1.0 if opaque else 0.999,
-            draw_order=order,
-        )
-        _static(recording, entity, place, look)
+    """One large cell of class ``number`` below all tiles: tiles exist only where there is more."""
+    entity = layout.never_seen(root)
+    where = rr.Transform3D(translation=[*geometry.origin_m, 0.0], scale=[*geometry.size_m, 1.0])
+    image = rr.SegmentationImage(
+        np.full((1, 1), number, np.uint8), opacity=1.0, draw_order=layout.ORDER_NEVER_SEEN
+    )
+    _static(recording, entity, where, image)
 
 
 def set_up_borders(recording: rr.RecordingStream, entity: str) -> None:
-    """The style of a group of borders."""
+    """The style of a group of borders; what each is called is told where it is pointed at."""
     _lines(recording, entity, layout.BORDER, -1.0, layout.ORDER_BORDERS)
+    _static(recording, entity, rr.LineStrips2D.from_fields(show_labels=False))
 
 
 def set_up_segments(recording: rr.RecordingStream, entity: str, *, raw: bool) -> None:
     """The style of a group of segments, of raw points or of a grid."""
     colour = layout.RAW_SEGMENT if raw else layout.SEGMENT
     _lines(recording, entity, colour, -2.5, layout.ORDER_SEGMENTS)
+    _static(recording, entity, rr.LineStrips2D.from_fields(show_labels=False))
+
+
+def set_up_two_classes(recording: rr.RecordingStream, root: str, first: str, second: str) -> None:
+    """Names of the cells of a black and white picture: the first are light, the second dark."""
+    named = [(0, first, layout.PAPER), (1, second, layout.INK)]
+    _colour_table(recording, root, named)
+
+
+def set_up_strips(recording: rr.RecordingStream, entity: str, colour: Colour) -> None:
+    """The style of what is shown on the way to borders and lines."""
+    _lines(recording, entity, colour, -2.0, layout.ORDER_STAGES)
+
+
+def set_up_places(recording: rr.RecordingStream, entity: str) -> None:
+    """The style of the places of note among it."""
+    look = rr.Points2D.from_fields(
+        colors=[layout.STAGE_PLACE], radii=[-3.0], draw_order=layout.ORDER_STAGES + 0.5
+    )
+    _static(recording, entity, look)
 
 
 def set_up_extra(recording: rr.RecordingStream, entity: str, *, name: str) -> None:

@@ -12,18 +12,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import Window
+from mapping.update_rules import UPDATE_RULES
+from mapping.update_rules.rules import share_of_largest
+from replay.rrd.history_track import STARTS
 from replay.rrd.layout import Tiling
 from replay.rrd.pictures import UNSEEN, percent_classes
 
 Place = tuple[int, int]
 T = TypeVar("T", bound=np.generic)
 
-# What a cell holds before any reading, by the unit of the layer's values; all others begin at 0.
-_STARTS = {"probability": 0.5, "odds": 1.0}
+
+def start_value(kind: str, rule: str) -> float:
+    """What a cell holds before any reading, by the rule itself where it is known."""
+    known = UPDATE_RULES.get(rule)
+    if known is None or known.kind != kind:
+        return STARTS.get(kind, 0.0)
+    cells = {name: np.full((1, 1), value) for name, value in known.start.items()}
+    return float(np.float32(known.values(cells)[0, 0]))
+
+
+def is_against_largest(rule: str) -> bool:
+    """Whether the rule's probability is a share of the map's largest value."""
+    return rule in UPDATE_RULES and UPDATE_RULES[rule].against_largest
 
 
 class LayerTiles:
-    """One layer: its values, the picture of them, and the tiles not yet written."""
+    """One layer: its values, the picture of them, and the tiles that the file does not hold so.
+
+    A tile is *inexact* when its values are not in the file at all, and *stale* when they are there
+    only as the tile before and all that readings did to it since.
+    """
 
     def __init__(self, tiling: Tiling) -> None:
         shape = tiling.geometry.shape
@@ -31,61 +49,115 @@ class LayerTiles:
         self.values: NDArray[np.float32] = np.zeros(shape, np.float32)
         self.picture: NDArray[np.uint8] = np.full(shape, UNSEEN, np.uint8)
         self.observed: NDArray[np.bool_] = np.zeros(shape, bool)
-        self._undrawn: set[Place] = set(tiling)
+        self._undrawn: set[Place] = set()
         self._inexact: set[Place] = set()
+        self._stale: set[Place] = set()
         self._begun = False
+        self._shares, self._largest = False, 0.0
+        self._seen = Window(0, 0, 0, 0)
+
+    def begin(self, kind: str, rule: str = "") -> bool:
+        """Give every cell what the rule starts from; False when that was done before."""
+        if self._begun:
+            return False
+        self._begun = True
+        self._shares = is_against_largest(rule)
+        start = start_value(kind, rule)
+        if start != 0.0:
+            self.values[:] = start
+        return True
 
     def see(self, window: Window, touched: NDArray[np.bool_]) -> None:
         """Remember which cells of the window a reading touched."""
         self.observed[window.slices] |= touched
+        self._seen = _around(self._seen, window)
+
+    def see_whole(self, observed: NDArray[np.bool_]) -> None:
+        """Take over which cells of the grid were seen; the array covers all of it."""
+        self.observed[:] = observed
+        rows, cols = np.flatnonzero(observed.any(axis=1)), np.flatnonzero(observed.any(axis=0))
+        if len(rows):
+            low, high = (int(rows[0]), int(cols[0])), (int(rows[-1]) + 1, int(cols[-1]) + 1)
+            self._seen = Window(*low, high[0] - low[0], high[1] - low[1])
 
     def update(
         self, window: Window, values: NDArray[np.float32], probability: NDArray[np.float32]
     ) -> None:
         """Take the window's new values; arrays cover the window."""
         part = window.slices
-        picture = percent_classes(probability, self.observed[part])
         # Compared as bits: NaN equals itself, and 0.0 is not -0.0.
         new = np.ascontiguousarray(values, np.float32)
         changed = new.view(np.uint32) != self.values[part].view(np.uint32)
         self._inexact |= self._tiles_of(changed, window)
-        self._undrawn |= self._tiles_of(picture != self.picture[part], window)
+        before = self.values[part].max(initial=0.0) if self._shares else 0.0
         self.values[part] = new
-        self.picture[part] = picture
+        self._redraw(window, percent_classes(probability, self.observed[part]))
+        if self._shares:
+            self._follow_largest(float(new.max(initial=0.0)), float(before))
 
     def take_undrawn(self) -> list[tuple[Place, NDArray[np.uint8]]]:
         """Tiles whose picture changed since last asked: place and a copy of the picture."""
         return [(p, self._cut(self.picture, p)) for p in _emptied(self._undrawn)]
 
     def take_inexact(self) -> list[tuple[Place, NDArray[np.float32]]]:
-        """Tiles whose values changed since last asked: place and a copy of the values."""
+        """Tiles whose values the file lacks: place and a copy of the values."""
         return [(p, self._cut(self.values, p)) for p in _emptied(self._inexact)]
+
+    def take_stale(self) -> list[tuple[Place, NDArray[np.float32]]]:
+        """Tiles that the file does not hold whole as they are now: place and a copy."""
+        self._inexact |= self._stale
+        self._stale.clear()
+        return self.take_inexact()
+
+    def told(self) -> None:
+        """The file holds all values now, though not as whole tiles."""
+        self._stale |= self._inexact
+        self._inexact.clear()
 
     @property
     def exact(self) -> bool:
-        """Whether all values were taken for writing since they last changed."""
+        """Whether all values are in the file as they are now."""
         return self._begun and not self._inexact
 
-    def begin(self, kind: str) -> bool:
-        """Give every cell what a rule of that kind starts from; False when that was done before."""
-        if self._begun:
-            return False
-        self._begun = True
-        self.values[:] = _STARTS.get(kind, 0.0)
-        self._inexact = set(self.tiling)
-        return True
+    def _redraw(self, window: Window, picture: NDArray[np.uint8]) -> None:
+        part = window.slices
+        self._undrawn |= self._tiles_of(picture != self.picture[part], window)
+        self.picture[part] = picture
+
+    def _follow_largest(self, now: float, before: float) -> None:
+        """Draw all cells anew when the largest value of the whole map is another one."""
+        largest = self._largest
+        if now >= largest:
+            self._largest = now
+        elif before >= largest:
+            self._largest = float(self.values.max(initial=0.0))
+        if self._largest != largest and not self._seen.empty:
+            part = self._seen.slices
+            shares = share_of_largest(self.values[part].astype(np.float64), self._largest)
+            picture = percent_classes(shares.astype(np.float32), self.observed[part])
+            self._redraw(self._seen, picture)
 
     def _cut(self, grid: NDArray[T], place: Place) -> NDArray[T]:
         return grid[self.tiling.window(*place).slices].copy()
 
     def _tiles_of(self, changed: NDArray[np.bool_], window: Window) -> set[Place]:
-        if not changed.any():
-            return set()
-        side = self.tiling.side
-        rows, cols = np.nonzero(changed)
-        across = self.tiling.shape[1]
-        index = (rows + window.row0) // side * across + (cols + window.col0) // side
-        return {(int(i) // across, int(i) % across) for i in np.unique(index)}
+        side, found = self.tiling.side, set()
+        for row in range(window.row0 // side, -(-(window.row0 + window.rows) // side)):
+            rows = slice(max(row * side - window.row0, 0), (row + 1) * side - window.row0)
+            band = changed[rows].any(axis=0)
+            cols = np.flatnonzero(band)
+            found |= {(row, int(col)) for col in np.unique((cols + window.col0) // side)}
+        return found
+
+
+def _around(one: Window, other: Window) -> Window:
+    """The smallest window that holds both."""
+    if one.empty or other.empty:
+        return other if one.empty else one
+    row0, col0 = min(one.row0, other.row0), min(one.col0, other.col0)
+    row1 = max(one.row0 + one.rows, other.row0 + other.rows)
+    col1 = max(one.col0 + one.cols, other.col0 + other.cols)
+    return Window(row0, col0, row1 - row0, col1 - col0)
 
 
 def _emptied(places: set[Place]) -> list[Place]:

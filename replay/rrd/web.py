@@ -10,49 +10,47 @@ from __future__ import annotations
 import contextlib
 import http.client
 import http.server
-import subprocess
 import threading
-import time
 import urllib.parse
 from http import HTTPStatus
 from pathlib import Path
 from types import TracebackType
 
-from recorder.errors import BadInput
-from replay.rrd.program import LOCAL, free_ports, is_listening, viewer_environment, viewer_program
+from replay.rrd.program import LOCAL
+from replay.rrd.viewer_process import ViewerProcess
 
 POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; "
     f"connect-src 'self' data: blob: http://{LOCAL}:*; worker-src 'self' blob:"
 )
-_START_S = 20.0
 
 
 class WebViewer:
     """Serve one recording to a browser; ``url`` is the page. Use it as a context.
 
+    Without a recording it waits for what is logged to ``source``.
+
     Raises BadInput when the server does not start.
     """
 
-    def __init__(self, path: str | Path) -> None:
-        data_port, page_port = free_ports(2)
-        self._process = subprocess.Popen(
-            [str(viewer_program()), "--serve-web", "--bind", LOCAL, "--port", str(data_port),
-             "--web-viewer-port", str(page_port), "--cors-allow-origin", f"http://{LOCAL}:*",
-             str(path)],
-            env=viewer_environment(), stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+    def __init__(self, path: str | Path | None = None) -> None:
+        files = [] if path is None else [str(path)]
+        self._viewer = ViewerProcess(
+            lambda ports: [
+                "--serve-web", "--port", str(ports[0]), "--web-viewer-port", str(ports[1]),
+                "--cors-allow-origin", f"http://{LOCAL}:*", *files,
+            ], 2, own_session=path is None,  # Ctrl-C ends what logs to it, not the page
         )  # fmt: skip
+        data_port, page_port = self._viewer.ports
         try:
-            self._wait_for(data_port)
-            self._wait_for(page_port)
             self._door = _Door((LOCAL, 0), page_port)
         except BaseException:
-            self._end_process()
+            self._viewer.stop()
             raise
         threading.Thread(target=self._door.serve_forever, daemon=True).start()
-        source = urllib.parse.quote(f"rerun+http://{LOCAL}:{data_port}/proxy", safe="")
-        self.url = f"http://{LOCAL}:{self._door.server_port}/?url={source}"
+        self.source = f"rerun+http://{LOCAL}:{data_port}/proxy"
+        quoted = urllib.parse.quote(self.source, safe="")
+        self.url = f"http://{LOCAL}:{self._door.server_port}/?url={quoted}"
 
     def __enter__(self) -> WebViewer:
         return self
@@ -67,28 +65,13 @@ class WebViewer:
 
     def wait(self) -> None:
         """Serve until the viewer's server ends, or Ctrl-C."""
-        self._process.wait()
+        self._viewer.wait()
 
     def stop(self) -> None:
         """End both servers."""
         self._door.shutdown()
         self._door.server_close()
-        self._end_process()
-
-    def _end_process(self) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-    def _wait_for(self, port: int) -> None:
-        end = time.monotonic() + _START_S
-        while not is_listening(port):
-            if self._process.poll() is not None or time.monotonic() > end:
-                raise BadInput("the viewer's web server did not start")
-            time.sleep(0.05)
+        self._viewer.stop()
 
 
 class _Door(http.server.ThreadingHTTPServer):

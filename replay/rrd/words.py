@@ -15,6 +15,7 @@ from mapping.artifacts import (
     Border,
     Classes,
     Finished,
+    LineStage,
     MergedGrid,
     RawPoints,
     Segment,
@@ -22,6 +23,7 @@ from mapping.artifacts import (
     Started,
     TempGrid,
     Thresholded,
+    TracerStep,
 )
 from mapping.beams import Beam
 from mapping.grid import GridGeometry, Window
@@ -70,6 +72,10 @@ def describe(artifact: Artifact) -> str:
             return _border(artifact)
         case RawPoints():
             return _raw_points(artifact)
+        case TracerStep():
+            return _tracer_step(artifact)
+        case LineStage():
+            return _line_stage(artifact)
         case Segment():
             return _segment(artifact)
         case Finished():
@@ -131,7 +137,7 @@ def _temp(temp: TempGrid) -> str:
         band = temp.probability[temp.band]
         lines.append(
             f"- **Red, {temp.band.sum():,} cells**: the obstacle may be here. Probability of being "
-            f"occupied up to {_percent(band.max())}."
+            f"occupied up to {percent(band.max())}."
         )
     else:
         lines.append("- No red cells: nothing was seen.")
@@ -139,7 +145,7 @@ def _temp(temp: TempGrid) -> str:
         front = temp.probability[temp.front]
         lines.append(
             f"- **Blue, {temp.front.sum():,} cells**: the beam passed through them, so they are "
-            f"rather free. Probability down to {_percent(front.min())}."
+            f"rather free. Probability down to {percent(front.min())}."
         )
     lines.append("- All other cells: 50 %, this reading says nothing of them.")
     return "\n".join(lines)
@@ -160,7 +166,7 @@ def _merged(merged: MergedGrid) -> str:
         f"{head}{rule} **{int(changed.sum()):,} cells changed**: {fuller:,} fuller, "
         f"{emptier:,} emptier.\n\nThe largest change: the cell at ({x:.3f}, {y:.3f}) m (row "
         f"{row + merged.window.row0}, column {col + merged.window.col0}) went from "
-        f"{_percent(before[row, col])} to **{_percent(after[row, col])}**.\n\n"
+        f"{percent(before[row, col])} to **{percent(after[row, col])}**.\n\n"
         f"Of the {after.size:,} cells around this beam, {int((after > 0.5).sum()):,} are now "
         f"rather occupied and {int((after < 0.5).sum()):,} rather free."
     )
@@ -174,7 +180,7 @@ def _snapshot(snapshot: Snapshot) -> str:
     share = seen.mean() if seen.size else 0.0
     return (
         f"## The map {layer.name} {when}\n\nRule: **{snapshot.rule}** (values: {layer.kind}). "
-        f"{_percent(share)} of the cells were seen.\n\nOf these, {int((p > 0.5).sum()):,} are "
+        f"{percent(share)} of the cells were seen.\n\nOf these, {int((p > 0.5).sum()):,} are "
         f"rather occupied, {int((p < 0.5).sum()):,} rather free and {int((p == 0.5).sum()):,} "
         f"undecided."
     )
@@ -184,7 +190,7 @@ def _thresholded(thresholded: Thresholded) -> str:
     return (
         f"## {thresholded.layer}: which cells count as occupied\n\nYellow: the "
         f"**{int(thresholded.occupied.sum()):,} cells** whose probability lies above "
-        f"{_percent(thresholded.threshold)}."
+        f"{percent(thresholded.threshold)}."
     )
 
 
@@ -204,7 +210,7 @@ def _border(border: Border) -> str:
     )
     return (
         f"## {border.layer}: border {border.number}\n\n{kind}: **{len(border.cells):,} cells** "
-        f"long (orange)."
+        f"long (orange). It starts at the red arrow."
     )
 
 
@@ -213,6 +219,44 @@ def _raw_points(points: RawPoints) -> str:
         f"## {points.layer}: all obstacle points\n\n**{len(points.points_m):,} points**: each "
         f"reading taken as if its obstacle stood straight ahead."
     )
+
+
+def _tracer_step(step: TracerStep) -> str:
+    row, col = (int(v) for v in step.cells[-1])
+    free = len(step.tried) - (step.following is not None)
+    if step.following is None:
+        after = "It has no neighbour that is occupied: a border of one cell."
+    else:
+        to_row, to_col = step.following
+        after = f"The first that is occupied: row {to_row}, column {to_col} (arrow)."
+    return (
+        f"## {step.layer}: the tracer at cell {len(step.cells)} of border {step.border}\n\nIt "
+        f"stands at row {row}, column {col} and looks around, counter-clockwise, starting behind "
+        f"the way it came: {free} free neighbours (red). {after} Blue is its way so far."
+    )
+
+
+_STAGES = {  # heading; what was done; what the number says
+    "split": ("cut", "Blue: {n} pieces that bend too much. Each is cut at the red dot, the point "
+              "farthest from its chord", "{low:.3f} to {high:.3f} m away"),
+    "merge": ("join", "Blue: {n} times two pieces that are one line became one; red is where they "
+              "met. Together they fit about as well as apart", "{low:.0%} to {high:.0%} of the "
+              "misfit that is allowed"),
+    "fit": ("fit", "Blue: {n} lines, each the best through its points", "rms {low:.4f} to "
+            "{high:.4f} m"),
+    "corner": ("corners", "Red: {n} corners, where neighbouring lines cross; both end there now",
+               ""),
+}  # fmt: skip
+
+
+def _line_stage(stage: LineStage) -> str:
+    heading, done, measure = _STAGES[stage.kind]
+    count = max(len(stage.pieces_m), len(stage.places_m))
+    told = ""
+    if stage.sizes and measure:
+        told = ": " + measure.format(low=min(stage.sizes), high=max(stage.sizes))
+    origin = "raw points" if stage.source == "raw" else "the borders of its grid"
+    return f"## {stage.layer}: {heading} ({origin})\n\n{done.format(n=count)}{told}."
 
 
 def _segment(segment: Segment) -> str:
@@ -246,7 +290,7 @@ def _centre(geometry: GridGeometry, window: Window, row: int, col: int) -> tuple
     return float(x), float(y)
 
 
-def _percent(share: float) -> str:
+def percent(share: float) -> str:
     """``0.558243`` → ``55.8 %``; near 0, ½ and 1, where it matters, with more digits."""
     value = 100.0 * float(share)
     distance = min(abs(value), abs(value - 50.0), abs(value - 100.0))
@@ -262,5 +306,7 @@ def layer_of(artifact: Artifact) -> str:
         case TempGrid():
             return artifact.beam.layer
         case Beam() | MergedGrid() | Thresholded() | Border() | RawPoints() | Segment():
+            return artifact.layer
+        case TracerStep() | LineStage():
             return artifact.layer
     return ""

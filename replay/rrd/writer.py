@@ -9,16 +9,19 @@ from __future__ import annotations
 import os
 import shutil
 import uuid
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
 import rerun as rr
+import rerun.blueprint as rrb
 
 from mapping.artifacts import (
     Artifact,
     Border,
     Classes,
     Finished,
+    LineStage,
     MergedGrid,
     RawPoints,
     Segment,
@@ -26,13 +29,15 @@ from mapping.artifacts import (
     Started,
     TempGrid,
     Thresholded,
+    TracerStep,
 )
 from mapping.beams import Beam
 from recorder.errors import BadInput
-from replay.rrd import columns, layout, readings, scene, words
+from replay.rrd import columns, layout, readings, scene, stages, words
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.canvas import Canvas
-from replay.rrd.columns import Stamp
+from replay.rrd.columns import ColumnBuffer, Stamp
+from replay.rrd.companions import Companion
 from replay.rrd.results import Results
 from replay.rrd.thinning import Thinning
 
@@ -40,7 +45,9 @@ APPLICATION = "echogrid"
 _BUFFER_BYTES = 48_000_000  # rows wait in memory up to this size
 _DISK_MARGIN_BYTES = 1_000_000
 _FLUSH_S = 120.0  # far longer than any disk takes
-_CHUNK_COST = 1000  # bytes of the file's own index for each chunk, roughly
+_INDEX_COST = 1600  # bytes of the file's own index at its end for each chunk, roughly
+_CHUNK_COST = 1200  # bytes of a chunk without what it holds
+_END_COST = 100_000  # bytes of what else comes at the end
 _FIRST_REVIEW = 50  # readings
 
 
@@ -62,14 +69,18 @@ class RrdWriter:
         every: int = 1,
         budget_mb: float = 100.0,
         flush_readings: int = 400,
+        companions: Sequence[Companion] = (),
     ) -> None:
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
         self.thinning = Thinning(budget_mb * 1e6, every)
         self._config_text, self._name = config_text, name
         self._flush_readings, self._unflushed = flush_readings, 0
+        self._companions, self._asides = tuple(companions), ""
         self._recording: rr.RecordingStream | None = None
         self._shown = True
+        self._size_then = self._exact_then = 0
+        self._over = ""
 
     def __enter__(self) -> RrdWriter:
         return self
@@ -96,8 +107,11 @@ class RrdWriter:
 
     @property
     def left_out(self) -> str:
-        """What was left out to keep to the budget, as a sentence; empty when nothing was."""
-        return self.thinning.left_out
+        """What was left out to keep to the budget, in words; empty when nothing was.
+
+        After :meth:`close` it also tells when the budget was too small for what is always written.
+        """
+        return f"{self.thinning.left_out}{self._over}"
 
     def close(self) -> None:
         """Write what waits, end the file properly and give it its name."""
@@ -106,18 +120,14 @@ class RrdWriter:
         self._flush()
         self._recording.disconnect()
         self._recording = None
+        size = self.part.stat().st_size
+        if size > self.thinning.budget_bytes:
+            self._over = f" Even so it takes {size / 1e6:.1f} MB."
         os.replace(self.part, self.path)
 
     def _start(self, started: Started) -> None:
-        """Open the file and lay out the empty map, with every layer unseen."""
-        recording = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
-        recording.set_log_time_enabled(False)
-        try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            recording.save(self.part, default_blueprint=default_blueprint(started))
-        except (OSError, RuntimeError) as error:
-            raise BadInput(f"{self.path}: cannot be written: {error}") from None
-        recording.send_recording_name(self._name)
+        """Lay out the empty map, with every layer unseen."""
+        recording = self._open(started)
         self._recording = recording
         self._started = started
         self._canvas = Canvas(
@@ -129,8 +139,29 @@ class RrdWriter:
         for name in started.layers:
             self._canvas.layer(name)
             self._canvas.draw_layer(name, exact=False)
+        for companion in self._companions:
+            companion.start(self._canvas, started)
         self._explain(started)
         self._flush()  # what never changes is in the file from now on, whatever happens
+
+    def _open(self, started: Started) -> rr.RecordingStream:
+        """The file's stream, with its blueprint."""
+        recording = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
+        recording.set_log_time_enabled(False)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            recording.save(self.part, default_blueprint=self._blueprint(started))
+        except (OSError, RuntimeError) as error:
+            raise BadInput(f"{self.path}: cannot be written: {error}") from None
+        recording.send_recording_name(self._name)
+        return recording
+
+    def _blueprint(self, started: Started) -> rrb.Blueprint:
+        return default_blueprint(started)
+
+    def _buffers(self) -> Sequence[ColumnBuffer]:
+        """All rows that wait for the file."""
+        return (self._canvas.rows,)
 
     def _step(self, artifact: Artifact) -> None:
         stamp = self._canvas.stamp
@@ -139,10 +170,18 @@ class RrdWriter:
             self._shown = self.thinning.next_is_shown()
             stamp = Stamp(stamp.step, artifact.number, artifact.t_ns)
         self._canvas.stamp = Stamp(stamp.step + 1, stamp.reading, stamp.t_ns)
+        self._show(artifact)
+
+    def _show(self, artifact: Artifact) -> None:
+        """Draw an artifact at the canvas's step."""
+        self._ask_companions(artifact)
         match artifact:
             case Beam() | TempGrid() | MergedGrid():
                 self._take_reading(artifact)
-            case Snapshot() | Thresholded() | Classes() | Border() | RawPoints() | Segment():
+            case (
+                Snapshot() | Thresholded() | Classes() | Border() | TracerStep() | RawPoints()
+                | LineStage() | Segment()
+            ):  # fmt: skip
                 self._canvas.wipe()
                 self._draw_result(artifact)
                 self._explain(artifact)
@@ -150,6 +189,11 @@ class RrdWriter:
                 self._explain(artifact)
             case _:
                 raise TypeError(f"{type(artifact).__name__} is no artifact")
+
+    def _ask_companions(self, artifact: Artifact) -> None:
+        shown = self._shown or not isinstance(artifact, Beam | TempGrid | MergedGrid)
+        said = [each.draw(self._canvas, artifact, shown=shown) for each in self._companions]
+        self._asides = "".join(f"\n\n{text}" for text in said if text)
 
     def _take_reading(self, artifact: Beam | TempGrid | MergedGrid) -> None:
         """A reading that is not shown still changes the map, which the next shown one draws."""
@@ -162,12 +206,13 @@ class RrdWriter:
             case TempGrid():
                 touched = artifact.band | artifact.front
                 canvas.layer(artifact.beam.layer).see(artifact.window, touched)
+                canvas.newest_temp = artifact
                 if self._shown:
                     readings.draw_temp(canvas, artifact)
             case MergedGrid():
-                state = canvas.begin(artifact.layer, artifact.kind, artifact.rule)
-                state.update(artifact.window, artifact.values, artifact.probability)
-                if self._shown:
+                if not self._shown:
+                    canvas.merge(artifact, shown=False, exact=self.thinning.tells_all)
+                else:
                     readings.draw_merged(canvas, artifact, exact=self.thinning.exact)
                     if self.thinning.changes:
                         readings.draw_change(canvas, artifact)
@@ -175,8 +220,10 @@ class RrdWriter:
             self._explain(artifact)
 
     def _draw_result(
-        self, artifact: Snapshot | Thresholded | Classes | Border | RawPoints | Segment
-    ) -> None:
+        self,
+        artifact: Snapshot | Thresholded | Classes | Border | TracerStep | RawPoints | LineStage
+        | Segment,
+    ) -> None:  # fmt: skip
         match artifact:
             case Snapshot():
                 self._results.draw_snapshot(artifact)
@@ -186,18 +233,26 @@ class RrdWriter:
                 self._results.draw_classes(artifact)
             case Border():
                 self._results.draw_border(artifact)
+                stages.draw_border_start(self._canvas, artifact)
             case RawPoints():
                 self._results.draw_raw_points(artifact)
+            case TracerStep():
+                stages.draw_tracer_step(self._canvas, artifact)
+            case LineStage():
+                stages.draw_line_stage(self._canvas, artifact)
             case Segment():
                 self._results.draw_segment(artifact)
 
     def _explain(self, artifact: Artifact) -> None:
         """Say what this step is: in words, and as a record for the reader."""
-        text = words.describe(artifact)
+        text = words.describe(artifact) + self._asides
         if isinstance(artifact, Finished):
             text = f"{text}\n\n{self.thinning.left_out}"
         self._canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
-        exact = tuple(name for name, state in self._canvas.layers.items() if state.exact)
+        self._record_step(artifact)
+
+    def _record_step(self, artifact: Artifact) -> None:
+        exact = self._canvas.exact_layers
         record = columns.StepRecord(type(artifact).__name__, words.layer_of(artifact), exact)
         self._canvas.add(layout.STEPS, columns.step_records, record)
 
@@ -206,12 +261,17 @@ class RrdWriter:
         self._unflushed += 1
         # More often at first, so that a costly session is noticed before much is written.
         patience = min(self._flush_readings, max(_FIRST_REVIEW, self._canvas.stamp.reading // 2))
-        if self._unflushed <= patience and self._canvas.rows.bytes < _BUFFER_BYTES:
+        waiting = sum(rows.bytes for rows in self._buffers())
+        if self._unflushed <= patience and waiting < _BUFFER_BYTES:
             return
         self._flush()
         first, last = self._started.first_t_ns, self._started.last_t_ns
         done = (self._canvas.stamp.t_ns - first) / (last - first) if last > first else 0.0
-        notice = self.thinning.review(self.part.stat().st_size, done, self._owed_bytes())
+        size = self.part.stat().st_size
+        exact = sum(rows.exact_bytes for rows in self._buffers())
+        share = (exact - self._exact_then) / max(size - self._size_then, 1)
+        self._size_then, self._exact_then = size, exact
+        notice = self.thinning.review(size, done, self._owed_bytes(), share)
         if notice:
             self._canvas.add(layout.NOTICE, columns.notices, notice, len(notice))
 
@@ -220,8 +280,10 @@ class RrdWriter:
         layers = self._canvas.layers.values()
         seen = [int(state.observed.sum()) for state in layers]
         tiles = sum(1 for state in layers for _ in state.tiling)
-        chunks = self._canvas.rows.chunks + 3 * tiles  # each layer is written about 3 times more
-        return 4 * (sum(seen) + max(seen, default=0)) + _CHUNK_COST * chunks
+        # Each layer is written some 5 times more: what never changes of its tiles, their picture,
+        # values, cells above the threshold, classes. A picture takes a part of what values do.
+        chunks = _INDEX_COST * (self._canvas.chunks + 5 * tiles) + _CHUNK_COST * 5 * tiles
+        return int(4.5 * (sum(seen) + max(seen, default=0))) + chunks + _END_COST
 
     def _flush(self) -> None:
         """Hand everything to the file and wait until it is written.
@@ -232,9 +294,11 @@ class RrdWriter:
             return
         self._unflushed = 0
         folder = self.part.parent
-        if shutil.disk_usage(folder).free < self._canvas.rows.bytes + _DISK_MARGIN_BYTES:
+        waiting = sum(rows.bytes for rows in self._buffers())
+        if shutil.disk_usage(folder).free < waiting + _DISK_MARGIN_BYTES:
             raise BadInput(f"{self.path}: no space left on the disk of {folder}")
-        self._canvas.rows.send()
+        for rows in self._buffers():
+            rows.send()
         try:
             self._recording.flush(timeout_sec=_FLUSH_S)
         except (RuntimeError, OSError, TimeoutError) as error:

@@ -1,0 +1,160 @@
+"""What ``record`` and its kin share: the options of a line, and everything around a recording."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from recorder.controls import Controls
+    from recorder.recording import RecordingStatus
+    from recorder.recording_options import RecordingOptions
+    from recorder.translation import RecordingCounters
+
+_OPTIONS = (
+    click.option(
+        "--protocol",
+        default="echogrid",
+        show_default=True,
+        help="What the robot speaks: echogrid, rbc, csv, or your own PROTOCOL.py.",
+    ),
+    click.option("--columns", help="csv: what the columns are, such as t_ms,ping:cm,dirrs:mm,-"),
+    click.option("--baud", type=int, help="Speed of the line; default: the protocol's."),
+    click.option("--tracker", help="Poses as JSON lines: tcp://HOST:PORT or udp://HOST:PORT."),
+    click.option(
+        "--tracker-px-per-m", type=float, help="The tracker speaks pixels, so many a metre."
+    ),
+    click.option(
+        "--wheels",
+        metavar="RADIUS_M,TRACK_M,COUNTS",
+        help="Wheel counts become /odom: radius, distance of the wheels, counts a turn.",
+    ),
+    click.option(
+        "--mount",
+        "mounts",
+        multiple=True,
+        metavar="NAME=X_M,Y_M,DEG",
+        help="Where a sensor sits on the robot (NAME@head=...: on its turning head).",
+    ),
+    click.option(
+        "--sensor",
+        "sensors",
+        multiple=True,
+        metavar="NAME=KIND",
+        help="What NAME is: ping, dirrs, or BEAM_DEG,MIN_M,MAX_M[,ir].",
+    ),
+    click.option(
+        "--duration", type=click.FloatRange(min=0), help="Seconds; default: until Ctrl-C."
+    ),
+    click.option("--pause", is_flag=True, help="Begin paused: space, p or SIGUSR1 goes on."),
+    click.option("--split-mb", type=click.FloatRange(min=0.1), help="A new file each so many MB."),
+    click.option(
+        "--split-s", type=click.FloatRange(min=1), help="A new file each so many seconds."
+    ),
+    click.option(
+        "--min-free-mb",
+        type=click.FloatRange(min=0),
+        default=200.0,
+        show_default=True,
+        help="Stop while so much of the disk is free.",
+    ),
+    click.option("--seed", type=int, default=0, help="sim: of the simulated robot."),
+)
+
+
+def line_options(command: Callable[..., int]) -> Callable[..., int]:
+    """The options that say how a line is recorded; they reach the command as keywords."""
+    for option in reversed(_OPTIONS):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A source that is there, what is known of it, and who watches and stops the recording."""
+
+    source: str
+    options: RecordingOptions
+    controls: Controls
+    on_status: Callable[[RecordingStatus], None] | None
+    status_period_s: float
+
+
+@contextmanager
+def prepared(
+    source: str, output: Path, choices: dict[str, Any], *, force: bool, quiet: bool
+) -> Iterator[Prepared]:
+    """Everything around a recording of ``source`` into ``output``, with the ``line_options``.
+
+    Raises OutputExists, and BadInput for options that make no sense.
+    """
+    from recorder.controls import Controls, keys, signals
+    from recorder.errors import OutputExists
+    from recorder.recording_run import opened_source
+
+    if output.exists() and not force:
+        raise OutputExists(output)
+    options = _options_of(choices, force=force)
+    controls = Controls()
+    if choices["pause"]:
+        controls.pause.set()
+    with ExitStack() as stack:
+        source, options = stack.enter_context(opened_source(source, options, seed=choices["seed"]))
+        stack.enter_context(signals(controls))
+        typed = False
+        if sys.stdin is not None and sys.stdin.isatty():
+            typed = stack.enter_context(keys(controls, sys.stdin.fileno()))
+        on_status, period_s = None, 1.0
+        if not quiet:
+            from recorder.screen import open_screen
+
+            on_status, period_s = open_screen(stack, output, keys=typed)
+        yield Prepared(source, options, controls, on_status, period_s)
+
+
+def tell_counters(counters: RecordingCounters, output: Path, *, quiet: bool) -> int:
+    """Say what came of a recording; the exit code."""
+    from recorder.status_text import lost_anything, nothing_understood
+
+    if not quiet:
+        paused = f", {counters.paused_messages} left out in pauses" if counters.pauses else ""
+        click.echo(f"{output}: {counters.written} messages, {counters.poses} poses{paused}")
+    if counters.failure:
+        click.echo(f"echogrid: {counters.failure}", err=True)
+    elif nothing_understood(counters):
+        click.echo("echogrid: nothing of what came was understood: another --protocol?", err=True)
+    return 1 if lost_anything(counters) else 0
+
+
+def _options_of(choices: dict[str, Any], *, force: bool) -> RecordingOptions:
+    from recorder.recording_options import (
+        RecordingOptions,
+        parse_mount,
+        parse_sensor,
+        parse_wheels,
+    )
+    from recorder.session import Limits
+
+    return RecordingOptions(
+        protocol=choices["protocol"],
+        columns=choices["columns"],
+        baud=choices["baud"],
+        tracker=choices["tracker"],
+        px_per_m=choices["tracker_px_per_m"],
+        duration_s=choices["duration"],
+        force=force,
+        wheels=None if choices["wheels"] is None else parse_wheels(choices["wheels"]),
+        mounts=tuple(parse_mount(mount) for mount in choices["mounts"]),
+        sensors=dict(parse_sensor(sensor) for sensor in choices["sensors"]),
+        limits=Limits(
+            split_mb=choices["split_mb"],
+            split_s=choices["split_s"],
+            min_free_mb=choices["min_free_mb"],
+        ),
+    )

@@ -1,0 +1,92 @@
+"""What must be told of a robot before it is recorded, and how people write it on a command line."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from recorder.errors import BadInput
+from recorder.geometry import SE2
+from recorder.messages import BASE_FRAME, Radiation, Transform
+from recorder.odometry import WheelGeometry
+from recorder.sensors import BUILT_IN_SENSORS, SensorParameters
+from recorder.session import Limits
+
+_FRAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordingOptions:
+    """How a line is recorded, but for where it is and where the session goes.
+
+    ``protocol`` is a name or a Python file, ``columns`` those of ``csv``; ``baud`` is the
+    protocol's own unless given. ``walls`` are kept as an attachment (GeoJSON).
+    """
+
+    protocol: str = "echogrid"
+    columns: str | None = None
+    baud: int | None = None
+    tracker: str | None = None
+    px_per_m: float | None = None
+    duration_s: float | None = None
+    mounts: tuple[Transform, ...] = ()
+    sensors: Mapping[str, SensorParameters] = field(default_factory=dict)
+    wheels: WheelGeometry | None = None
+    walls: bytes | None = None
+    source_name: str = ""  # what the session calls the source, when not as it is opened
+    limits: Limits = field(default_factory=Limits)
+    force: bool = False
+
+
+def parse_wheels(text: str) -> WheelGeometry:
+    """``RADIUS_M,TRACK_M,COUNTS_PER_TURN`` → geometry. Raises BadInput in one line."""
+    radius_m, track_m, counts_per_turn = _numbers(text, 3, "--wheels RADIUS_M,TRACK_M,COUNTS")
+    if min(radius_m, track_m, counts_per_turn) <= 0.0:
+        raise BadInput(f"--wheels {text}: all three must be above zero")
+    return WheelGeometry(counts_per_turn / (2.0 * math.pi * radius_m), track_m)
+
+
+def parse_mount(text: str) -> Transform:
+    """``NAME=X_M,Y_M,DEG``, or ``NAME@FRAME=...`` on a turning head → where a sensor sits.
+
+    Raises BadInput in one line.
+    """
+    wanted = "--mount NAME=X_M,Y_M,DEG"
+    frames, separator, numbers = text.partition("=")
+    name, _, parent = frames.partition("@")
+    parent = parent or BASE_FRAME
+    if not separator or not _FRAME.fullmatch(name) or not _FRAME.fullmatch(parent):
+        raise BadInput(f"--mount {text}: {wanted} is wanted")
+    x_m, y_m, yaw_deg = _numbers(numbers, 3, wanted)
+    return Transform(0, parent, name, SE2(x_m, y_m, math.radians(yaw_deg)))
+
+
+def parse_sensor(text: str) -> tuple[str, SensorParameters]:
+    """``NAME=ping``, or ``NAME=BEAM_DEG,MIN_M,MAX_M`` and ``,ir`` for infrared → what it is.
+
+    Raises BadInput in one line.
+    """
+    wanted = f"--sensor NAME={'|'.join(BUILT_IN_SENSORS)} or NAME=BEAM_DEG,MIN_M,MAX_M[,ir]"
+    name, _, what = text.partition("=")
+    if not _FRAME.fullmatch(name) or not what:
+        raise BadInput(f"--sensor {text}: {wanted} is wanted")
+    if what in BUILT_IN_SENSORS:
+        return name, BUILT_IN_SENSORS[what]
+    numbers = what.removesuffix(",ir")
+    radiation = Radiation.ULTRASOUND if numbers == what else Radiation.INFRARED
+    beam_deg, min_m, max_m = _numbers(numbers, 3, wanted)
+    if not (0.0 < beam_deg <= 360.0 and 0.0 <= min_m < max_m):
+        raise BadInput(f"--sensor {text}: no sensor is like that")
+    return name, SensorParameters(math.radians(beam_deg), min_m, max_m, radiation)
+
+
+def _numbers(text: str, count: int, wanted: str) -> list[float]:
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
+        raise BadInput(f"{text}: {wanted} is wanted")
+    return numbers

@@ -1,0 +1,233 @@
+"""One file of a session, written so that a killed process or a power cut costs its last second.
+
+The file has the profile ``ros2``: ROS 2 definitions as schemas, CDR as message encoding, so that
+ROS tools open it. Each second the open chunk is closed and synced to the disk off the write path.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import threading
+import typing
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO
+
+from mcap.writer import CompressionType, Writer
+
+from recorder.errors import BadInput, OutputExists
+from recorder.messages import Message, topic_of
+from recorder.ros_definitions import DEFINITIONS
+from recorder.ros_types import encode, type_name
+from recorder.session_format import LIBRARY, METADATA, checked_json
+
+_CHUNK_BYTES = 256 * 1024
+_SYNC_PERIOD_S = 0.8  # and what a sync takes: a second may be lost, no more
+_FIRST_SYNC_S = (
+    0.1  # the first ones follow sooner: a session that is killed at once holds something
+)
+_BYTES_AROUND_A_MESSAGE = 31
+
+
+class SessionWriter:
+    """Writes a session. Thread-safe; a context manager.
+
+    ``live`` recordings stand under their own name from the first byte, so that a killed one is
+    found; others are written beside and renamed when they are complete. The first OSError (disk
+    full) is the last: what was written before it stays readable. Raises OutputExists.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        metadata: Mapping[str, object] | None = None,
+        force: bool = False,
+        live: bool = False,
+        compress: bool = True,
+    ) -> None:
+        if path.exists() and not force:
+            raise OutputExists(path)
+        self._path = path
+        self._part = path if live else path.with_name(path.name + ".part")
+        try:
+            self._file: BinaryIO = self._part.open("wb")
+            self._writer = new_writer(self._file, compress=compress)
+            self._writer.start(profile="ros2", library=LIBRARY)
+            self._writer.add_metadata(METADATA, checked_json(metadata or {}))
+            self._file.flush()  # killed from here on, it says what it is
+            _sync_folder(path.parent)
+        except OSError as error:
+            raise BadInput(f"{path}: {error.strerror or error}") from None
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._sequence: Counter[str] = Counter()
+        self._lock = threading.Lock()
+        self._failure: OSError | None = None
+        self._closed = False
+        self._written_bytes = self._open_bytes = 0
+        self._stop = threading.Event()
+        self._syncer = threading.Thread(target=self._sync_each_second, daemon=True)
+        self._syncer.start()
+
+    @property
+    def path(self) -> Path:
+        """Where the session will stand when it is closed."""
+        return self._path
+
+    @property
+    def size_bytes(self) -> int:
+        """The size of the file if it were closed now, at most, but for the index at its end."""
+        return self._written_bytes + self._open_bytes
+
+    def write(self, message: Message, *, log_ns: int) -> None:
+        """Append a message that reached the host at ``log_ns``. Raises OSError (disk full)."""
+        topic, data = topic_of(message), encode(message)
+        with self._lock, self._noting_failure():
+            self._sequence[topic] += 1
+            self._writer.add_message(
+                channel_id=self._channel(topic, type_name(message)),
+                log_time=max(log_ns, 0),
+                publish_time=max(message.t_ns, 0),
+                sequence=self._sequence[topic] & 0xFFFFFFFF,
+                data=data,
+            )
+            self._open_bytes += len(data) + _BYTES_AROUND_A_MESSAGE
+            self._measure()
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        """Keep a file in the session: the true walls of a simulated room, say."""
+        with self._lock, self._noting_failure():
+            self._writer.add_attachment(0, 0, name, media_type, data)
+            self._measure()
+
+    def sync(self) -> None:
+        """Close the open chunk and see to it that the disk holds it. Raises OSError."""
+        with self._lock, self._noting_failure():
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._file.flush()
+            self._measure()
+            descriptor = os.dup(self._file.fileno())
+        try:
+            os.fsync(descriptor)  # outside the lock: a slow disk must not hold up the writer
+        except OSError as error:
+            self._failure = self._failure or error
+            raise
+        finally:
+            os.close(descriptor)
+
+    def close(self) -> None:
+        """Finish the file and give it its name.
+
+        Raises OSError where the disk is full; nothing where a write has said so before.
+        """
+        if self._closed:
+            return
+        failed_before = self._failure is not None
+        self._stop.set()
+        self._syncer.join()
+        try:
+            self._finish()
+        except OSError:
+            if not failed_before:
+                raise
+        finally:
+            self._closed = True
+            with contextlib.suppress(OSError):  # what is left in the buffer finds no room either
+                self._file.close()
+        if self._part != self._path:
+            self._part.replace(self._path)
+            _sync_folder(self._path.parent)
+
+    def _finish(self) -> None:
+        with self._lock, self._noting_failure():
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._file.flush()
+            os.fsync(self._file.fileno())
+
+    def _discard(self) -> None:
+        """Leave nothing behind: what was written beside is not the whole of it."""
+        self._closed = True
+        self._stop.set()
+        self._syncer.join()
+        with contextlib.suppress(OSError):
+            self._file.close()
+        self._part.unlink(missing_ok=True)
+
+    def __enter__(self) -> SessionWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+    ) -> None:
+        if self._part == self._path:
+            self.close()
+        elif kind is not None:
+            self._discard()
+        else:
+            try:
+                self.close()
+            except OSError:
+                self._discard()
+                raise
+
+    @contextlib.contextmanager
+    def _noting_failure(self) -> typing.Iterator[None]:
+        if self._closed:
+            raise ValueError(f"{self._path} is closed")
+        if self._failure is not None:
+            raise self._failure
+        try:
+            yield
+        except OSError as error:
+            self._failure = error
+            raise
+
+    def _measure(self) -> None:
+        """A chunk that was closed has become smaller."""
+        written_bytes = self._file.tell()
+        if written_bytes != self._written_bytes:
+            self._written_bytes, self._open_bytes = written_bytes, 0
+
+    def _channel(self, topic: str, name: str) -> int:
+        if topic not in self._channels:
+            if name not in self._schemas:
+                text = DEFINITIONS[name].encode()
+                self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
+            self._channels[topic] = self._writer.register_channel(
+                topic, "cdr", self._schemas[name], {"offered_qos_profiles": ""}
+            )
+        return self._channels[topic]
+
+    def _sync_each_second(self) -> None:
+        wait_s = _FIRST_SYNC_S
+        while not self._stop.wait(wait_s):
+            wait_s = min(2.0 * wait_s, _SYNC_PERIOD_S)
+            try:
+                self.sync()
+            except OSError:
+                return
+
+
+def new_writer(file: BinaryIO, *, compress: bool = True) -> Writer:
+    """The library's writer with all checksums on and in chunks: only these carry checksums."""
+    return Writer(
+        file,
+        chunk_size=_CHUNK_BYTES,
+        compression=CompressionType.ZSTD if compress else CompressionType.NONE,
+        enable_data_crcs=True,
+        use_summary_offsets=False,
+    )
+
+
+def _sync_folder(folder: Path) -> None:
+    """See to it that the disk knows a new name; not every system lets a folder be opened."""
+    with contextlib.suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

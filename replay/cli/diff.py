@@ -1,0 +1,110 @@
+"""``diff``: how two maps, or the maps of two sessions, differ."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from mapping.cli import config_options
+from recorder.cli import options
+
+if TYPE_CHECKING:
+    from replay.diff.comparing import Report
+
+
+@click.command(
+    "diff", epilog="Example:  echogrid diff before.mcap after.mcap --tolerance 0.01 -o diff.png"
+)
+@click.argument("a", type=options.FILE)
+@click.argument("b", type=options.FILE)
+@config_options[0]
+@config_options[1]
+@config_options[2]
+@click.option(
+    "--plugin", "plugins", type=options.FILE, multiple=True, help="A rule or model of your own."
+)
+@click.option(
+    "--tolerance", type=click.FloatRange(min=0), default=0.0, show_default=True,
+    help="Cells differ when their values lie further apart.",
+)  # fmt: skip
+@click.option(
+    "--line-tolerance", "line_tolerance_m", type=click.FloatRange(min=0), default=1e-6,
+    show_default=True, help="Lines differ when an end moved further, in metres.",
+)  # fmt: skip
+@click.option("--layer", "layers", multiple=True, help="Only this layer; repeatable.")
+@click.option("--json", "as_json", is_flag=True, help="The figures for programs.")
+@click.option("-o", "--output", type=options.FILE, help="A picture (.png) or recording (.rrd).")
+@options.force
+@options.quiet
+def diff(
+    a: Path, b: Path, configs: tuple[Path, ...], settings: tuple[str, ...], preset: str | None,
+    plugins: tuple[Path, ...], tolerance: float, line_tolerance_m: float, layers: tuple[str, ...],
+    as_json: bool, output: Path | None, force: bool, quiet: bool,
+) -> int:  # fmt: skip
+    """Compare A and B: sessions, .rrd, .npz, map_server maps or export folders.
+
+    Sessions are mapped first, both with one configuration; one session beside a map is mapped
+    with the configuration that made the map, unless you give one. Exit code 0: the same.
+    1: they differ. 2: they cannot be compared.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from mapping.config import load_config
+    from mapping.plugins import load_plugin
+    from replay.diff.comparing import compare
+
+    _check_output(output, force=force)
+    for plugin in plugins:
+        load_plugin(plugin)
+    config = load_config(configs, settings, preset) if configs or settings or preset else None
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+        task = bar.add_task(f"comparing {a.name} and {b.name}", total=None)
+        report = compare(
+            a, b, config, tolerance=tolerance, line_tolerance_m=line_tolerance_m, only=layers,
+            progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )  # fmt: skip
+    _tell(report, as_json=as_json, quiet=quiet)
+    if output is not None:
+        _write(report, output)
+        if not quiet and not as_json:
+            click.echo(f"wrote {output}")
+    return 1 if report.differs or report.a.damaged or report.b.damaged else 0
+
+
+def _check_output(output: Path | None, *, force: bool) -> None:
+    from recorder.errors import BadInput, OutputExists
+
+    if output is None:
+        return
+    if output.suffix.lower() not in (".png", ".rrd"):
+        raise BadInput(f"{output}: a comparison is written as .png or .rrd")
+    if output.exists() and not force:
+        raise OutputExists(output)
+
+
+def _tell(report: Report, *, as_json: bool, quiet: bool) -> None:
+    import json
+
+    from replay.diff.words import as_json as plain
+    from replay.diff.words import summary
+
+    if as_json:
+        click.echo(json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False))
+    elif not quiet:
+        for line in summary(report):
+            click.echo(line)
+
+
+def _write(report: Report, output: Path) -> None:
+    if output.suffix.lower() == ".png":
+        from replay.diff.picture import save_picture
+
+        save_picture(report, output)
+    else:
+        from replay.rrd.difference import write_difference
+
+        write_difference(report, output)

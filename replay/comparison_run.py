@@ -1,0 +1,139 @@
+"""One session mapped with several configurations at once, into one recording and many folders."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mapping.artifacts import Artifact, Finished, Segment, Snapshot
+from mapping.beams import Beam
+from mapping.config_text import commented_toml
+from mapping.pipeline import build_maps
+from recorder.errors import BadInput, OutputExists
+from recorder.session import Session, read_session
+from replay.comparison import Variant
+from replay.comparison_steps import Distances, Moment, in_step
+from replay.exports import Exporter
+from replay.mapping_run import RunResult, true_walls
+
+if TYPE_CHECKING:
+    from replay.rrd.comparison import ComparisonWriter
+
+_PROGRESS_EVERY = 50
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """What the runs came to, by name, and how far apart they have the robot."""
+
+    results: dict[str, RunResult]
+    distances: Distances
+
+
+def compare_session(
+    path: Path,
+    variants: Sequence[Variant],
+    *,
+    more: Sequence[Path] = (),
+    rrd: Path | None,
+    export: Path | None,
+    force: bool = False,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Map a session (and ``more`` of it) with each variant, in step.
+
+    All maps go into one recording; each one's files into a folder of its name below ``export``.
+    ``progress(reading, readings)`` is called now and then. Raises an EchogridError in one line.
+    """
+    if rrd is not None and rrd.exists() and not force:
+        raise OutputExists(rrd)
+    session = read_session(path, *more)
+    runs = {each.name: _begun(session, each) for each in variants}
+    kept: dict[str, list[Artifact]] = {each.name: [] for each in variants}
+    readings, distances = 0, Distances()
+    with ExitStack() as stack:
+        exporters = _exporters(variants, export, force=force)
+        writer = _writer(variants, rrd, path.name)
+        if writer is not None:
+            stack.enter_context(writer)
+        for moment in in_step(runs, session.messages()):
+            if writer is not None:
+                writer.take(moment)
+            for name, artifact in moment.items():
+                if exporters:
+                    exporters[name](artifact)
+                if _is_result(artifact):
+                    kept[name].append(artifact)
+            distances.take(moment)
+            readings += _is_reading(moment)
+            if progress is not None and readings % _PROGRESS_EVERY == 0 and _is_reading(moment):
+                progress(readings, len(session.records))
+    for exporter in exporters.values():
+        exporter.close()
+    left_out = "" if writer is None else writer.left_out
+    results = {name: _result(some, session.damage, left_out) for name, some in kept.items()}
+    return Comparison(results, distances)
+
+
+def _begun(session: Session, variant: Variant) -> Iterator[Artifact]:
+    """A run that has made its first artifact: one that cannot be mapped leaves no file behind."""
+    run = _named(variant, session)
+    return itertools.chain([next(run)], run)
+
+
+def _named(variant: Variant, session: Session) -> Iterator[Artifact]:
+    """A run whose troubles bear its name."""
+    try:
+        yield from build_maps(session.messages(), variant.config, walls_m=true_walls(session))
+    except BadInput as error:
+        raise BadInput(f"{variant.name}: {error}") from None
+
+
+def _exporters(
+    variants: Sequence[Variant], export: Path | None, *, force: bool
+) -> dict[str, Exporter]:
+    if export is None:
+        return {}
+    return {
+        each.name: Exporter(
+            export / each.name, config_text=commented_toml(each.config),
+            config=each.config.model_dump(mode="json"), force=force,
+        )
+        for each in variants
+    }  # fmt: skip
+
+
+def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> ComparisonWriter | None:
+    if rrd is None:
+        return None
+    from replay.rrd.comparison import ComparisonWriter
+
+    return ComparisonWriter(
+        rrd, variants, name=name,
+        every=max(each.config.rerun.every for each in variants),
+        budget_mb=min(each.config.rerun.budget_mb for each in variants),
+    )  # fmt: skip
+
+
+def _is_reading(moment: Moment) -> bool:
+    return any(isinstance(artifact, Beam) for artifact in moment.values())
+
+
+def _is_result(artifact: Artifact) -> bool:
+    if isinstance(artifact, Snapshot):
+        return artifact.final
+    return isinstance(artifact, Segment | Finished)
+
+
+def _result(kept: Sequence[Artifact], damage: tuple[str, ...], left_out: str) -> RunResult:
+    return RunResult(
+        tuple(a for a in kept if isinstance(a, Snapshot)),
+        tuple(a for a in kept if isinstance(a, Segment)),
+        next(a for a in kept if isinstance(a, Finished)),
+        damage,
+        left_out,
+    )

@@ -1,0 +1,109 @@
+"""How the finished maps of a comparison differ, in a few numbers for each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.artifacts import Snapshot
+from mapping.fusion import FUSED
+from mapping.grid import GridGeometry, Layer
+
+NEVER_SEEN, FREE, UNDECIDED, OCCUPIED = range(4)
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One finished layer: its cells by what they are taken for, and how far it is from the first.
+
+    ``differs`` is the share of the cells seen in either map that the two take for different
+    things; None for the first map itself, NaN where nothing was seen.
+    """
+
+    name: str
+    layer: str
+    rule: str
+    occupied: int
+    free: int
+    undecided: int
+    differs: float | None
+
+
+def comparison_lines(
+    snapshots: Mapping[str, Sequence[Snapshot]], layer: str, thresholds: Mapping[str, float]
+) -> list[Line]:
+    """A line for each map that has the layer, in their order.
+
+    ``thresholds`` are the probabilities above which a cell counts as occupied, by map; as far
+    below 0.5 it counts as free.
+    """
+    lines: list[Line] = []
+    first: tuple[GridGeometry, NDArray[np.uint8]] | None = None
+    for name, some in snapshots.items():
+        for snapshot in some:
+            if snapshot.layer.name != layer:
+                continue
+            states = states_of(snapshot.layer, thresholds[name])
+            here = (snapshot.layer.geometry, states)
+            count = np.bincount(states.ravel(), minlength=4)
+            lines.append(Line(
+                name, layer, _rules(some, snapshot), int(count[OCCUPIED]), int(count[FREE]),
+                int(count[UNDECIDED]), None if first is None else _differing(first, here),
+            ))  # fmt: skip
+            first = first or here
+    return lines
+
+
+def _rules(all_of_it: Sequence[Snapshot], snapshot: Snapshot) -> str:
+    """The update rule of a layer; of the fused one, the rules of the layers that it is made of."""
+    if snapshot.layer.name != FUSED:
+        return snapshot.rule
+    return ", ".join(dict.fromkeys(s.rule for s in all_of_it if s.layer.name != FUSED))
+
+
+def states_of(layer: Layer, threshold: float) -> NDArray[np.uint8]:
+    """What each cell is taken for, (rows, cols): never seen, free, undecided or occupied."""
+    p = layer.probability
+    states = np.where(p > threshold, OCCUPIED, np.where(p < 1.0 - threshold, FREE, UNDECIDED))
+    return np.where(layer.observed, states, NEVER_SEEN).astype(np.uint8)
+
+
+def _differing(
+    first: tuple[GridGeometry, NDArray[np.uint8]], other: tuple[GridGeometry, NDArray[np.uint8]]
+) -> float:
+    """Compared at the centres of the first map's cells: the grids may lie differently."""
+    geometry, states = first
+    rows, cols = np.indices(geometry.shape)
+    centres_m = geometry.centres_of(np.stack([rows.ravel(), cols.ravel()], axis=1))
+    there, found = other
+    cells = there.cells_of(centres_m)
+    inside = there.contains(cells)
+    theirs = np.full(len(cells), NEVER_SEEN, np.uint8)
+    theirs[inside] = found[cells[inside, 0], cells[inside, 1]]
+    ours = states.ravel()
+    seen = (ours != NEVER_SEEN) | (theirs != NEVER_SEEN)
+    return float((ours != theirs)[seen].mean()) if seen.any() else float("nan")
+
+
+def shown_layer(snapshots: Mapping[str, Sequence[Snapshot]]) -> str:
+    """The layer that stands for all: the last one that every map has (the fused one, if any)."""
+    named = [[snapshot.layer.name for snapshot in some] for some in snapshots.values()]
+    common = [name for name in named[0] if all(name in others for others in named[1:])]
+    return (common or named[0])[-1]
+
+
+def table_of(lines: Sequence[Line]) -> list[tuple[str, ...]]:
+    """The same as rows of words, a head before them; rules that tell nothing new are left out."""
+    rows: list[tuple[str, ...]]
+    rows = [("map", "rule", "occupied", "free", "undecided", f"differs from {lines[0].name}")]
+    for line in lines:
+        differs = "" if line.differs is None else f"{100 * line.differs:.1f} %"
+        counts = (f"{count:,}" for count in (line.occupied, line.free, line.undecided))
+        rows.append((line.name, line.rule, *counts, differs))
+    named_so = all(line.rule == line.name for line in lines)
+    if named_so or len({line.rule for line in lines}) == 1:
+        return [(row[0], *row[2:]) for row in rows]
+    return rows

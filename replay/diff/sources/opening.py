@@ -1,0 +1,41 @@
+"""Which kind of source a path is, and the module that reads it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from recorder.errors import BadInput
+from replay.diff.layers import Source
+
+SESSION = ".mcap"
+_KINDS = "a session (.mcap), a recording (.rrd), arrays (.npz), a map (.yaml) or an export folder"
+
+
+def is_session(path: Path) -> bool:
+    """Whether a path is mapped before it is compared. A folder of session parts is none."""
+    return path.suffix.lower() == SESSION
+
+
+def open_map(path: Path) -> Source:
+    """A source that is a map already. Raises BadInput, in one line, for all else."""
+    if not path.exists():
+        raise BadInput(f"{path}: no such file")
+    if path.is_dir():
+        from replay.diff.sources.folders import read_folder
+
+        return read_folder(path)
+    match path.suffix.lower():
+        case ".npz":
+            from replay.diff.sources.arrays import read_npz
+
+            return read_npz(path)
+        case ".yaml" | ".yml" | ".pgm":
+            from replay.diff.sources.map_server import read_map
+
+            return read_map(path)
+        case ".rrd":
+            from replay.diff.sources.recordings import read_recording
+
+            return read_recording(path)
+        case _:
+            raise BadInput(f"{path}: not a map; it takes {_KINDS}")

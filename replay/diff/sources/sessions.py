@@ -1,0 +1,144 @@
+"""Sessions (.mcap): mapped first, with one configuration; two of them on one grid and in step."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from mapping.artifacts import Artifact, Border, Segment, Snapshot, Started
+from mapping.config import MappingConfig
+from mapping.config_text import commented_toml
+from mapping.grid import GridGeometry
+from mapping.pipeline import build_maps
+from recorder.session import Session, read_session
+from replay.diff.alignment import common_grid
+from replay.diff.layers import MapLayer, Source, line_of, outline_of, value_layer
+from replay.diff.parting import Parting, Readings, readings_of, walk_in_step
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(slots=True)
+class Results:
+    """Collects from a run what a comparison needs: call it with each artifact."""
+
+    _snapshots: dict[str, Snapshot]
+    _segments: list[Segment]
+    _borders: list[Border]
+
+    def __call__(self, artifact: Artifact) -> None:
+        """Keep the final maps and the lines and borders that were found last."""
+        match artifact:
+            case Snapshot():
+                # Stages may be shown again and again: the newest lines and borders count.
+                name = artifact.layer.name
+                self._snapshots[name] = artifact
+                self._segments = [s for s in self._segments if s.layer != name]
+                self._borders = [b for b in self._borders if b.layer != name]
+            case Segment():
+                self._segments.append(artifact)
+            case Border():
+                self._borders.append(artifact)
+            case _:
+                pass
+
+    def layers(self) -> dict[str, MapLayer]:
+        """Every layer by name."""
+        return {name: self._layer(s) for name, s in self._snapshots.items()}
+
+    def _layer(self, snapshot: Snapshot) -> MapLayer:
+        layer = snapshot.layer
+        return value_layer(
+            layer.name, layer.kind, layer.geometry, layer.values, extra=layer.extra,
+            lines=tuple(line_of(s) for s in self._segments if s.layer == layer.name),
+            borders=tuple(outline_of(b) for b in self._borders if b.layer == layer.name),
+        )  # fmt: skip
+
+
+def map_one(path: Path, config: MappingConfig, progress: Progress | None = None) -> Source:
+    """One session as a map on its own grid. Raises an EchogridError in one line."""
+    session = read_session(path)
+    results = Results({}, [], [])
+    total = len(session.records)
+    for number, artifact in enumerate(build_maps(session.messages(), config)):
+        results(artifact)
+        if progress is not None and number % 200 == 0:
+            progress(number, 3 * total)
+    return _source(session, path, results, config)
+
+
+def map_two(
+    a: Path,
+    b: Path,
+    config: MappingConfig,
+    *,
+    tolerance: float,
+    progress: Progress | None = None,
+) -> tuple[Source, Source, Parting | None]:
+    """Two sessions on one grid, and the first reading after which their maps part.
+
+    The grid is the one that holds both, unless the configuration sets it. Raises an EchogridError
+    in one line.
+    """
+    sessions = [read_session(path) for path in (a, b)]
+    config = _on_one_grid(sessions, config)
+    collected = [Results({}, [], []), Results({}, [], [])]
+    streams = [
+        _watched(build_maps(session.messages(), config), results)
+        for session, results in zip(sessions, collected, strict=True)
+    ]
+    sides: tuple[Iterator[Readings], Iterator[Readings]] = (
+        readings_of(streams[0]),
+        readings_of(streams[1]),
+    )
+    total = max(len(session.records) for session in sessions)
+    parting = walk_in_step(*sides, tolerance, progress=progress, total=total)
+    left, right = (
+        _source(session, path, results, config)
+        for session, path, results in zip(sessions, (a, b), collected, strict=True)
+    )
+    return left, right, parting
+
+
+def _watched(artifacts: Iterable[Artifact], results: Results) -> Iterator[Artifact]:
+    for artifact in artifacts:
+        results(artifact)
+        yield artifact
+
+
+def _source(session: Session, path: Path, results: Results, config: MappingConfig) -> Source:
+    notes = tuple(f"{path.name}: {reason}" for reason in session.damage)
+    return Source(
+        path, "session", results.layers(), config_toml=commented_toml(config), notes=notes,
+        damaged=bool(session.damage),
+    )  # fmt: skip
+
+
+def _on_one_grid(sessions: list[Session], config: MappingConfig) -> MappingConfig:
+    """The configuration with the grid that holds both sessions' beams.
+
+    Cells then have the same centres to the last bit, so that the same readings give the same map.
+    """
+    if config.grid.origin_m is not None and config.grid.size_m is not None:
+        return config
+    grids = [_grid_of(session, config) for session in sessions]
+    union, _, _ = common_grid(grids[0], grids[1], "the two sessions")
+    if grids[0] == grids[1]:
+        return config
+    # A size of a hair less than whole cells: rounding must not add a cell.
+    size = tuple(v - 0.25 * union.resolution_m for v in union.size_m)
+    grid = config.grid.model_copy(update={"origin_m": _inside(union), "size_m": size})
+    return config.model_copy(update={"grid": grid})
+
+
+def _inside(grid: GridGeometry) -> tuple[float, float]:
+    """The origin as the nearest multiple of the resolution, which is what it is rounded to."""
+    x, y = (round(v / grid.resolution_m) * grid.resolution_m for v in grid.origin_m)
+    return x, y
+
+
+def _grid_of(session: Session, config: MappingConfig) -> GridGeometry:
+    first = next(iter(build_maps(session.messages(), config)))
+    assert isinstance(first, Started)
+    return first.geometry

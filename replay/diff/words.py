@@ -1,0 +1,208 @@
+"""A comparison in lines for people, and as plain values for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from replay.diff.cells import Cell
+from replay.diff.comparing import LayerReport, Report
+from replay.diff.layers import Line, Moment
+from replay.diff.lines import BorderFigures, LineFigures
+from replay.diff.parting import Heard, Parting, StepParting
+
+_SHOWN = 3  # lines that moved, came or went, of each kind
+
+
+def summary(report: Report) -> list[str]:
+    """The whole comparison; the verdict first."""
+    lines = [
+        f"A  {report.a.path} ({report.a.what})",
+        f"B  {report.b.path} ({report.b.what})",
+        f"verdict: {report.verdict.words}",
+    ]
+    lines += [f"note: {note}" for note in report.notes]
+    for name, side in ((report.only_a, "A"), (report.only_b, "B")):
+        lines += [f"layer {each}: only in {side}" for each in name]
+    for layer in report.layers:
+        lines += _layer_lines(layer)
+    if report.parting is not None:
+        lines += _parting_lines(report.parting)
+    if report.step_parting is not None:
+        lines.append(_step_line(report.step_parting))
+    return lines
+
+
+def _layer_lines(layer: LayerReport) -> list[str]:
+    cells = layer.cells
+    if not cells.differ:
+        head = f"layer {layer.name}: all {cells.compared:,} cells agree"
+    else:
+        head = f"layer {layer.name}: {cells.differ:,} of {cells.compared:,} cells differ; worst "
+        head += _cell_words(cells.worst[0])
+        head += _written_words(layer)
+    lines = [head]
+    if cells.differ:
+        iou = "none are occupied" if cells.occupied_iou is None else f"{cells.occupied_iou:.3f}"
+        lines.append(
+            f"  class changed: {cells.class_changed:,} of {cells.seen:,} seen cells "
+            f"({cells.class_changed_share:.1%}); intersection over union of occupied cells: {iou}"
+        )
+        lines += _near_lines(layer)
+    lines += [
+        f"  array {extra.name}: {extra.differ:,} cells differ, by {extra.most:.6g} at most"
+        for extra in layer.extras
+        if extra.differ
+    ]
+    if layer.lines is not None:
+        lines.append("  lines: " + _line_words(layer.lines))
+        lines += _line_places(layer.lines)
+    if layer.borders is not None:
+        lines.append("  borders: " + _border_words(layer.borders))
+    return lines
+
+
+def _cell_words(cell: Cell) -> str:
+    place = f"row {cell.row}, col {cell.col} (x {cell.x_m:.3f} m, y {cell.y_m:.3f} m): "
+    return place + f"{_value(cell.a)} in A, {_value(cell.b)} in B"
+
+
+def _value(value: float | str) -> str:
+    return value if isinstance(value, str) else f"{value:.9g}"
+
+
+def _written_words(layer: LayerReport) -> str:
+    said = [
+        f"{side} wrote it last at {_moment(moment)}"
+        for side, moment in (("A", layer.written_a), ("B", layer.written_b))
+        if moment is not None
+    ]
+    return "".join(f"; {each}" for each in said)
+
+
+def _moment(moment: Moment) -> str:
+    return f"step {moment.step} (reading {moment.reading}, {moment.artifact})"
+
+
+def _near_lines(layer: LayerReport) -> list[str]:
+    verdict = layer.verdict
+    if verdict.near_a is None or verdict.near_b is None:
+        return []
+    return [
+        f"  occupied cells within {verdict.near_m:.2g} m of the other's, of those both have seen: "
+        f"{verdict.near_a:.1%} of A's, {verdict.near_b:.1%} of B's"
+    ]
+
+
+def _line_words(lines: LineFigures) -> str:
+    words = f"{lines.same} the same, {len(lines.moved)} moved, "
+    return words + f"{len(lines.appeared)} only in B, {len(lines.vanished)} only in A"
+
+
+def _line_places(lines: LineFigures) -> list[str]:
+    out = [
+        f"    moved {m.offset_m:.3f} m, turned {math.degrees(m.turned_rad):.1f} deg, ends by up to "
+        f"{m.ends_m:.3f} m: {_line(m.a)} -> {_line(m.b)}"
+        for m in lines.moved[:_SHOWN]
+    ]
+    for word, some in (("only in B", lines.appeared), ("only in A", lines.vanished)):
+        out += [f"    {word}: {_line(each)}" for each in some[:_SHOWN]]
+    return out
+
+
+def _line(line: Line) -> str:
+    (x0, y0), (x1, y1) = line.start_m, line.end_m
+    return f"({x0:.3f}, {y0:.3f})-({x1:.3f}, {y1:.3f}) m ({line.source})"
+
+
+def _border_words(borders: BorderFigures) -> str:
+    words = f"{borders.same} the same, {len(borders.moved)} moved"
+    if borders.moved:
+        most = borders.moved[0]
+        words += f" (up to {most.most_m:.3f} m, at ({most.at_m[0]:.2f}, {most.at_m[1]:.2f}) m)"
+    return words + f", {len(borders.appeared_m)} only in B, {len(borders.vanished_m)} only in A"
+
+
+def _parting_lines(parting: Parting) -> list[str]:
+    head = f"the maps part after reading {parting.reading} (counted from 0), in layer"
+    return [
+        f"{head} {parting.layer}",
+        *(f"  {s}: {_heard(h)}" for s, h in (("A", parting.a), ("B", parting.b))),
+    ]
+
+
+def _heard(heard: Heard | None) -> str:
+    if heard is None:
+        return "no such reading: the session ended before"
+    range_m = "saw nothing" if heard.range_m is None else f"{heard.range_m:.4f} m"
+    x, y, heading = heard.world_from_sensor
+    return (
+        f"{heard.sensor} {range_m}, {heard.since_start_s:.3f} s after the first reading, from "
+        f"({x:.4f}, {y:.4f}) m at {math.degrees(heading):.2f} deg"
+    )
+
+
+def _step_line(parting: StepParting) -> str:
+    return (
+        f"the recordings part at {_moment(parting.a)}: layer {parting.layer}, row {parting.row}, "
+        f"col {parting.col}: {parting.a_value:.9g} in A, {parting.b_value:.9g} in B"
+    )
+
+
+def as_json(report: Report) -> dict[str, Any]:
+    """The same as values that JSON can say; numbers that are not finite become text."""
+    return {
+        "a": {"path": str(report.a.path), "what": report.a.what},
+        "b": {"path": str(report.b.path), "what": report.b.what},
+        "differs": report.differs,
+        "verdict": report.verdict.kind,
+        "words": report.verdict.words,
+        "wall_changes": _plain(report.verdict.changes),
+        "notes": list(report.notes),
+        "only_in_a": list(report.only_a),
+        "only_in_b": list(report.only_b),
+        "layers": {layer.name: _layer_json(layer) for layer in report.layers},
+        "first_reading": _plain(report.parting),
+        "first_step": _plain(report.step_parting),
+    }
+
+
+def _layer_json(layer: LayerReport) -> dict[str, Any]:
+    geometry = layer.pair.geometry
+    return {
+        "differs": layer.differs,
+        "compared": "classes" if layer.by_class else "values",
+        "origin_m": list(geometry.origin_m),
+        "resolution_m": geometry.resolution_m,
+        "shape": list(geometry.shape),
+        **_plain(layer.cells),
+        "near_a": layer.verdict.near_a,
+        "near_b": layer.verdict.near_b,
+        "near_m": layer.verdict.near_m,
+        "noise_m": layer.verdict.noise_m,
+        "arrays": _plain(layer.extras),
+        "lines": _plain(layer.lines),
+        "borders": _plain(layer.borders),
+        "last_written_a": _plain(layer.written_a),
+        "last_written_b": _plain(layer.written_b),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Dataclasses as dicts, arrays and tuples as lists."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {each.name: _plain(getattr(value, each.name)) for each in fields(value)}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return [_plain(each) for each in value]
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value

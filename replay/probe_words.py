@@ -1,0 +1,128 @@
+"""The story of one cell in words: a line a reading, a table, and an answer for the terminal."""
+
+from __future__ import annotations
+
+import math
+
+from mapping.fusion import FUSED
+from mapping.probing import BEHIND, BESIDE, EMPTY, OBSTACLE, CellProbe, Touch
+
+STRONGEST = 8  # readings in a table
+
+_PLACES = {
+    OBSTACLE: "where the obstacle may be",
+    EMPTY: "in the empty part before the obstacle",
+    BEHIND: "behind the obstacle, so the reading says nothing of it",
+    BESIDE: "beside the beam, which changed it all the same",
+}
+_COUNTED = {
+    OBSTACLE: "say obstacle",
+    EMPTY: "say empty",
+    BEHIND: "stopped before it",
+    BESIDE: "passed beside it",
+}
+# Lowest probability of each shade, from black down.
+_SHADES = ((0.8, "black"), (0.55, "dark grey"), (0.45, "grey"), (0.2, "light grey"), (0.0, "white"))
+
+
+def shade_word(probe: CellProbe, layer: str) -> str:
+    """The colour in which a layer's map shows the cell."""
+    if layer not in probe.observed:
+        return "blue-grey (never seen)"
+    belief = probe.beliefs[layer]
+    return next(word for lowest, word in _SHADES if belief >= lowest or lowest == 0.0)
+
+
+def name_of(probe: CellProbe) -> str:
+    """``(1.24, 0.51) m``: the point that was asked for."""
+    x, y = probe.at_m
+    return f"({x:g}, {y:g}) m"
+
+
+def touch_line(touch: Touch) -> str:
+    """One reading and its effect, as a sentence."""
+    head = (
+        f"reading {touch.reading}, {touch.sensor} measured {_range(touch)}: the cell, "
+        f"{touch.distance_m:.3f} m away, lies {_PLACES[touch.zone]}"
+    )
+    if touch.zone == BEHIND:
+        return head
+    if touch.effect == 0:
+        return f"{head}; it stays at {percent(touch.after)}"
+    return f"{head}; {percent(touch.before)} → {percent(touch.after)}"
+
+
+def story(probe: CellProbe, layers: tuple[str, ...]) -> str:
+    """Markdown: what the layers hold of the cell so far, and which readings moved it most."""
+    row, col = probe.cell
+    lines = [f"## Why is this cell so?\n\nThe cell at {name_of(probe)}: row {row}, column {col}.\n"]
+    lines += [f"- **{layer}**: {_state(probe, layer)}" for layer in layers]
+    if any(touch.effect for touch in probe.touches):
+        lines.append("\nThe readings that moved it most, so far:\n")
+        lines.append("| reading | sensor | range | zone | before | after | effect |")
+        lines.append("|--:|---|--:|---|--:|--:|--:|")
+        lines += [f"| {' | '.join(_row(touch))} |" for touch in probe.strongest(STRONGEST)]
+        lines.append("\nEffects are in points of per cent.")
+    return "\n".join(lines)
+
+
+def answer(probe: CellProbe, layers: tuple[str, ...]) -> list[str]:
+    """The same for the terminal: a line a layer, each with its table."""
+    row, col = probe.cell
+    shown = layers[-1]  # the fused one, where there is one
+    lines = [
+        f"why is the cell at {name_of(probe)} (row {row}, column {col}) {shade_word(probe, shown)}?"
+    ]
+    for layer in layers:
+        lines.append(f"{layer}: {_state(probe, layer)}")
+        strongest = [touch for touch in probe.strongest(STRONGEST, layer) if touch.effect]
+        if strongest:
+            lines += _table(strongest)
+    return lines
+
+
+def percent(share: float) -> str:
+    """``0.558`` → ``55.8 %``; a belief that nothing has told yet is a dash."""
+    return "–" if math.isnan(share) else f"{100 * share:.1f} %"
+
+
+def _state(probe: CellProbe, layer: str) -> str:
+    """What a layer holds of the cell, and how many readings made it so."""
+    counts = probe.counts(layer)
+    total = sum(counts.values())
+    if total == 0 and layer in probe.observed:
+        return f"{percent(probe.beliefs[layer])} occupied: {shade_word(probe, layer)}"
+    if total == 0:
+        not_yet = layer == FUSED and layer not in probe.beliefs
+        return "not made yet" if not_yet else "no reading reached it"
+    said = ", ".join(f"{count} {_COUNTED[zone]}" for zone, count in counts.items() if count)
+    word = shade_word(probe, layer)
+    if layer in probe.observed:
+        word = f"{percent(probe.beliefs[layer])} occupied: {word}"
+    return f"{word}. {total} reading{'s' * (total != 1)} reached it: {said}"
+
+
+def _range(touch: Touch) -> str:
+    return f"{touch.range_m:.3f} m" if math.isfinite(touch.range_m) else "nothing"
+
+
+def _row(touch: Touch) -> list[str]:
+    return [
+        str(touch.reading), touch.sensor, _range(touch), touch.zone, percent(touch.before),
+        percent(touch.after), f"{100 * touch.effect:+.1f}",
+    ]  # fmt: skip
+
+
+def _table(touches: list[Touch]) -> list[str]:
+    """Columns under their heads, numbers to the right."""
+    rows = [["reading", "sensor", "range", "zone", "before", "after", "effect"]]
+    rows += [_row(touch) for touch in touches]
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    words = (1, 3)  # columns of words stand to the left
+    return [
+        "  " + "  ".join(
+            text.ljust(width) if k in words else text.rjust(width)
+            for k, (text, width) in enumerate(zip(row, widths, strict=True))
+        )
+        for row in rows
+    ]  # fmt: skip

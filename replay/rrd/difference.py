@@ -1,0 +1,150 @@
+"""A comparison as a recording: both maps and their difference side by side, and the words.
+
+For each layer the map plane holds three pictures, ``a``, ``b`` and ``difference``; beside each
+stand its exact values. Lines of both sides and walls that changed are drawn over them.
+"""
+
+from __future__ import annotations
+
+import os
+import uuid
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+import rerun.blueprint as rrb
+from numpy.typing import NDArray
+
+from mapping.grid import GridGeometry
+from recorder.errors import BadInput
+from replay.diff.comparing import LayerReport, Report
+from replay.diff.layers import Line
+from replay.diff.picture import difference_pixels, map_pixels
+from replay.diff.words import summary
+from replay.rrd import layout
+
+_VERDICT = "/verdict"
+_GONE, _COME = (255, 127, 14, 255), (44, 140, 44, 255)
+_ABOVE = 10.0
+_SIDES = ("a", "b", "difference")
+
+
+def write_difference(report: Report, path: Path) -> None:
+    """Write the recording, beside its name first. Raises BadInput where it cannot be written."""
+    part = path.with_name(path.name + ".part")
+    recording = rr.RecordingStream("echogrid", recording_id=str(uuid.uuid4()))
+    recording.set_log_time_enabled(False)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        recording.save(part, default_blueprint=_blueprint(report))
+        recording.send_recording_name(f"{report.a.path.name} and {report.b.path.name}")
+        _draw(recording, report)
+        recording.flush()
+        recording.disconnect()
+        os.replace(part, path)
+    except (OSError, RuntimeError) as error:
+        raise BadInput(f"{path}: cannot be written: {error}") from None
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def _draw(recording: rr.RecordingStream, report: Report) -> None:
+    y_up = [[1, 0, 0], [0, -1, 0], [0, 0, 1]]
+    recording.log(layout.MAP, rr.Transform3D(mat3x3=y_up), static=True)
+    text = "\n\n".join(line.strip() for line in summary(report))
+    recording.log(_VERDICT, rr.TextDocument(text, media_type="text/markdown"), static=True)
+    for layer in report.layers:
+        _draw_layer(recording, report, layer)
+
+
+def _draw_layer(recording: rr.RecordingStream, report: Report, layer: LayerReport) -> None:
+    pair, geometry = layer.pair, layer.pair.geometry
+    difference = np.asarray(pair.b_values, np.float64) - pair.a_values
+    sides = (
+        (map_pixels(pair.a_values, pair.a_classes, layer), pair.a_values),
+        (map_pixels(pair.b_values, pair.b_classes, layer), pair.b_values),
+        (difference_pixels(pair), difference),
+    )
+    for side, (pixels, exact) in zip(_SIDES, sides, strict=True):
+        entity = f"{layout.layer_root(layer.name)}/{side}"
+        corner = [*layout.corner_m(geometry, geometry.whole), 0.0]
+        place = rr.Transform3D(translation=corner, scale=geometry.resolution_m)
+        recording.log(entity, place, rr.Image(pixels), static=True)
+        recording.log(entity, _exact(geometry, side, exact), static=True)
+    for side, source in (("a", report.a), ("b", report.b)):
+        lines = source.layers[layer.name].lines if layer.name in source.layers else None
+        if lines:
+            entity = f"{layout.layer_root(layer.name)}/lines_{side}"
+            recording.log(entity, _strips(lines), static=True)
+    changes = [c for c in report.verdict.changes if c.layer == layer.name]
+    ends = [(c.from_m, _GONE) for c in changes if c.from_m]
+    ends += [(c.to_m, _COME) for c in changes if c.to_m]
+    if ends:
+        entity = f"{layout.layer_root(layer.name)}/walls"
+        strips = [list(each) for each, _ in ends]
+        drawn = rr.LineStrips2D(
+            strips, colors=[colour for _, colour in ends], radii=-2.5, draw_order=_ABOVE
+        )
+        recording.log(entity, drawn, static=True)
+
+
+def _exact(geometry: GridGeometry, side: str, exact: NDArray[np.floating]) -> rr.AnyValues:
+    """The numbers themselves, named ``a_values`` and so on: Rerun keeps one type for each name."""
+    where = np.array([*geometry.origin_m, geometry.resolution_m], np.float64)
+    shape = np.array(geometry.shape, np.int64)
+    numbers = np.ascontiguousarray(exact, np.float64).ravel()
+    return rr.AnyValues(**{f"{side}_values": numbers}, shape=shape, where_m=where)
+
+
+def _strips(lines: tuple[Line, ...]) -> rr.LineStrips2D:
+    strips = [[line.start_m, line.end_m] for line in lines if line.source == "grid"]
+    return rr.LineStrips2D(strips, colors=[layout.SEGMENT], radii=-1.5, draw_order=_ABOVE)
+
+
+def _blueprint(report: Report) -> rrb.Blueprint:
+    """A tab for each layer, the three pictures side by side, the words beside them."""
+    tabs = [_tab(layer, report) for layer in report.layers]
+    words = rrb.TextDocumentView(origin=_VERDICT, name="What differs")
+    return rrb.Blueprint(
+        rrb.Horizontal(
+            rrb.Tabs(*tabs, active_tab=_most_telling(report)), words, column_shares=[7, 2]
+        ),
+        rrb.TimePanel(state="hidden"),
+        rrb.SelectionPanel(state="collapsed"),
+        rrb.BlueprintPanel(state="collapsed"),
+    )
+
+
+def _most_telling(report: Report) -> int:
+    """The layer in which a wall changed, or else the one of which most cells differ."""
+    told = {change.layer for change in report.verdict.changes}
+    return max(
+        range(len(report.layers)),
+        key=lambda i: (report.layers[i].name in told, report.layers[i].cells.differ),
+    )
+
+
+def _tab(layer: LayerReport, report: Report) -> rrb.Container:
+    root = layout.layer_root(layer.name)
+    titles = (
+        f"A: {report.a.path.name}",
+        f"B: {report.b.path.name}",
+        "difference: red is fuller in B, blue emptier",
+    )
+    over = ([f"{root}/lines_a"], [f"{root}/lines_b"], [f"{root}/walls"])
+    views = [
+        rrb.Spatial2DView(
+            origin="/", name=title, contents=[layout.MAP, f"{root}/{side}", *more],
+            visual_bounds=_bounds(layer.pair.geometry),
+        )
+        for side, title, more in zip(_SIDES, titles, over, strict=True)
+    ]  # fmt: skip
+    return rrb.Horizontal(*views, name=layer.name)
+
+
+def _bounds(geometry: GridGeometry) -> rrb.VisualBounds2D:
+    (x, y), (width, height) = geometry.origin_m, geometry.size_m
+    margin = 0.02 * max(width, height)
+    return rrb.VisualBounds2D(
+        x_range=[x - margin, x + width + margin], y_range=[-(y + height) - margin, -y + margin]
+    )

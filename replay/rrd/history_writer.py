@@ -1,0 +1,209 @@
+"""A layer's readings → records of its history.
+
+The first readings of a sensor wait until there are enough of them to make a table of what it says
+at each distance; all later ones are written at once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.artifacts import TempGrid
+from mapping.grid import GridGeometry, Window
+from mapping.update_rules import CLAMP
+from replay.rrd.distance_table import DistanceTable, fit_table, look_up
+from replay.rrd.history import Masks, foretold_record, plain_record, table_record
+from replay.rrd.history_track import Floats, Singles, Track, largest_odds
+
+T = TypeVar("T")
+
+_FORETOLD_KINDS = ("probability", "odds")
+_MOST_MISSED = 0.4  # of the covered cells; above it plain differences are smaller
+_MOST_FACTORS = 4096
+_GATHERED = 16  # readings, before a table is made of them
+_MOST_WAITING = 64  # readings, of all sensors
+_MOST_SAMPLES = 100_000
+_MOST_TABLES = 6  # tried for one sensor; then what it says is no function of the distance
+_TRIED = 64  # cells that tell whether a table fits
+_FITS = 1e-9  # relative
+_FITTING = 0.9  # of the tried cells
+
+
+@dataclass(frozen=True, slots=True)
+class _Waiting(Generic[T]):
+    """A reading not yet written: its new values, what it said, and whatever came with it."""
+
+    window: Window
+    values: Singles
+    temp: TempGrid | None
+    table: int | None  # that fits it, where one was there already
+    ticket: T
+
+
+@dataclass(slots=True)
+class _Sensor:
+    """Samples of what one sensor says, for its next table, and how many tables were tried."""
+
+    tried: int = 0
+    distances_m: list[Floats] = field(default_factory=list)
+    factors: list[Floats] = field(default_factory=list)
+
+
+class HistoryWriter(Generic[T]):
+    """Makes the records of one layer; a ``ticket`` comes back with each record."""
+
+    def __init__(self, geometry: GridGeometry, kind: str, start: float) -> None:
+        self._track = Track(geometry, kind, start, largest_odds(CLAMP))
+        self._number = 0
+        self._sensors: dict[str, _Sensor] = {}
+        self._lacking: set[str] = set()  # sensors that wait for a table
+        self._waiting: list[_Waiting[T]] = []
+        self._unsaid: list[DistanceTable] = []
+
+    def add(
+        self, window: Window, values: Singles, temp: TempGrid | None, ticket: T
+    ) -> list[tuple[T, bytes]]:
+        """One more reading; the records that are ready now, oldest first."""
+        table = None
+        if temp is not None and self._may_foretell(window, temp):
+            table = self._look_at(temp)
+        else:
+            temp = None
+        self._waiting.append(_Waiting(window, values, temp, table, ticket))
+        if self._lacking and len(self._waiting) < _MOST_WAITING:
+            return []
+        return self.drain()
+
+    def drain(self) -> list[tuple[T, bytes]]:
+        """All that waits, oldest first, with tables from what there is."""
+        for sensor in self._sensors.values():
+            self._make_table(sensor)
+        self._lacking.clear()
+        waiting, self._waiting = self._waiting, []
+        records = [(each.ticket, self._written(each)) for each in waiting]
+        return [(ticket, record) for ticket, record in records if record]
+
+    def replace(self, window: Window, values: Singles) -> None:
+        """The file holds these values whole; nothing may wait."""
+        self._track.replace(window, values)
+
+    def restart(self) -> None:
+        """Begin anew after a whole map, so that a reader need not know what was before it."""
+        self._track.restart()
+
+    def _may_foretell(self, window: Window, temp: TempGrid) -> bool:
+        return (
+            self._track.kind in _FORETOLD_KINDS
+            and temp.window == window
+            and not temp.passes
+            and not window.empty
+            and not (temp.front & temp.band).any()
+        )
+
+    def _look_at(self, temp: TempGrid) -> int | None:
+        """The table that fits a reading; samples of one that none fits yet are kept."""
+        sensor = self._sensors.setdefault(temp.beam.sensor, _Sensor())
+        table, share = self._best_table(temp)
+        if share >= _FITTING or sensor.tried >= _MOST_TABLES:
+            return table
+        distances, factors = self._samples(temp, None)
+        sensor.distances_m.append(distances)
+        sensor.factors.append(factors)
+        if len(sensor.factors) < _GATHERED:
+            self._lacking.add(temp.beam.sensor)
+        else:
+            self._lacking.discard(temp.beam.sensor)
+        return None
+
+    def _samples(self, temp: TempGrid, most: int | None) -> tuple[Floats, Floats]:
+        """Distances and factors of cells in front of a reading, ``most`` of them or all."""
+        front = np.flatnonzero(temp.front)
+        if most is not None:
+            front = front[:: max(1, len(front) // most)]
+        row, col = np.divmod(front, temp.window.cols)
+        cells = (row + temp.window.row0) * temp.geometry.cols + col + temp.window.col0
+        where = (temp.beam.world_from_sensor.x_m, temp.beam.world_from_sensor.y_m)
+        return self._track.distances_m(where, cells), self._factors(temp.probability.ravel()[front])
+
+    def _factors(self, probability: Floats) -> Floats:
+        """What readings multiply the odds by."""
+        largest = self._track.largest_odds
+        with np.errstate(divide="ignore"):
+            return np.clip(probability / (1.0 - probability), 1.0 / largest, largest)
+
+    def _best_table(self, temp: TempGrid) -> tuple[int | None, float]:
+        """The table that fits most of some cells of a reading, and that share of them."""
+        distances, factors = self._samples(temp, _TRIED)
+        if not len(factors):
+            return None, 1.0
+        best: tuple[int | None, float] = (None, 0.0)
+        for number in reversed(range(len(self._track.tables))):
+            spacing_m, cubics = self._track.tables[number]
+            got = look_up(cubics, spacing_m, distances)
+            share = float(np.mean(np.abs(got - factors) <= _FITS * factors))
+            if share > best[1]:
+                best = (number, share)
+            if share >= _FITTING:
+                break
+        return best
+
+    def _make_table(self, sensor: _Sensor) -> None:
+        if not sensor.factors:
+            return
+        distances, factors = np.concatenate(sensor.distances_m), np.concatenate(sensor.factors)
+        sensor.distances_m.clear()
+        sensor.factors.clear()
+        every = -(-len(factors) // _MOST_SAMPLES)
+        table = fit_table(distances[::every], factors[::every])
+        sensor.tried += 1 if table is not None else _MOST_TABLES // 2
+        if table is not None:
+            self._unsaid.append(table)
+
+    def _written(self, reading: _Waiting[T]) -> bytes:
+        """The records of one reading, with the tables that are new."""
+        said = b""
+        for table in self._unsaid:
+            said += table_record(self._track, self._number, table)
+            self._number += 1
+        self._unsaid.clear()
+        record = self._foretold(reading) if reading.temp is not None else None
+        if record is None:
+            record = self._plain(reading)
+        self._number += bool(record)
+        return said + record
+
+    def _foretold(self, reading: _Waiting[T]) -> bytes | None:
+        temp, values = reading.temp, np.ascontiguousarray(reading.values, np.float32)
+        assert temp is not None
+        front, band = temp.front, temp.band
+        others = self._changed(reading.window, values) & ~(front | band)
+        masks = Masks(reading.window, front, band, others)
+        where = (temp.beam.world_from_sensor.x_m, temp.beam.world_from_sensor.y_m)
+        factors = self._factors(temp.probability[band])
+        covered = masks.covered(self._track.geometry, where, factors)
+        true = np.concatenate([values[front], values[band], values[others]])
+        table = self._best_table(temp)[0] if reading.table is None else reading.table
+        return foretold_record(self._track, self._number, masks, covered, table, true, _MOST_MISSED)
+
+    def _plain(self, reading: _Waiting[T]) -> bytes:
+        """Of the smallest rectangle that holds what changed; nothing where nothing did."""
+        changed = self._changed(reading.window, reading.values)
+        if not changed.any():
+            return b""
+        rows, cols = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+        height, width = int(rows[-1] - rows[0] + 1), int(cols[-1] - cols[0] + 1)
+        w = reading.window
+        box = Window(w.row0 + int(rows[0]), w.col0 + int(cols[0]), height, width)
+        part = reading.values[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        return plain_record(self._track, self._number, box, part)
+
+    def _changed(self, window: Window, values: Singles) -> NDArray[np.bool_]:
+        old = self._track.values[window.slices]
+        changed: NDArray[np.bool_] = np.ascontiguousarray(values, np.float32).view(
+            np.uint32
+        ) != old.view(np.uint32)
+        return changed

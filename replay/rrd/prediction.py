@@ -1,0 +1,74 @@
+"""The range that the map so far foretells, beside the one that was measured."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import rerun as rr
+
+from mapping.artifacts import Artifact, Started
+from mapping.beams import Beam
+from mapping.prediction import RangePredictor
+from replay.rrd import columns, layout
+from replay.rrd.canvas import Canvas
+from replay.rrd.layout import Colour
+
+_ALMOST_M = 0.05  # measured and foretold ranges this close are called the same
+_ALMOST_SHARE = 0.1  # of the range
+
+
+class PredictionCompanion:
+    """Plots the nearest foretold range of each reading; cells above ``threshold`` stop a beam."""
+
+    def __init__(self, threshold: float) -> None:
+        self._threshold = threshold
+        self._predictor = RangePredictor(threshold)
+
+    def start(self, canvas: Canvas, started: Started) -> None:
+        """Know the grid."""
+        self._predictor(started)
+
+    def draw(self, canvas: Canvas, artifact: Artifact, *, shown: bool) -> str:
+        """A point of the plot at each beam, and in words how well the map knew it."""
+        if not isinstance(artifact, Beam):
+            self._predictor(artifact)
+            return ""
+        if not shown:
+            return ""
+        foretold = float(self._predictor.ranges_m(artifact).min(initial=np.inf))
+        measured = float(artifact.ranges_m[artifact.saw_something].min(initial=np.inf))
+        entity = layout.predicted_range(artifact.sensor)
+        colour = canvas.colour(artifact.sensor)
+        canvas.prepare(
+            entity, functools.partial(_set_up, name=f"{artifact.sensor}, by the map", colour=colour)
+        )
+        # Where the map foretells nothing the plot has a gap; the number itself says inf.
+        canvas.add(entity, columns.scalars, foretold if np.isfinite(foretold) else np.nan)
+        canvas.add(entity, columns.number_records, np.array([foretold]))
+        return _in_words(measured, foretold, self._threshold)
+
+
+def _in_words(measured_m: float, foretold_m: float, threshold: float) -> str:
+    """Whether the map so far knew what was measured."""
+    if np.isinf(foretold_m):
+        knew = f"no cell of the beam is above {100 * threshold:g} %"
+        ending = ": the obstacle is new to it." if np.isfinite(measured_m) else ", as measured."
+        return f"**The map so far** would have foretold **nothing**: {knew}{ending}"
+    said = f"**The map so far** would have foretold **{foretold_m:.3f} m**"
+    if np.isinf(measured_m):
+        return f"{said}: what stood there is not seen now."
+    gap = foretold_m - measured_m
+    if abs(gap) <= max(_ALMOST_M, _ALMOST_SHARE * measured_m):
+        return f"{said}: it knew this obstacle."
+    return f"{said}, {abs(gap):.3f} m {'more' if gap > 0 else 'less'} than was measured."
+
+
+def _set_up(recording: rr.RecordingStream, entity: str, *, name: str, colour: Colour) -> None:
+    """The measured range's colour, paler, and crosses instead of dots."""
+    r, g, b, _ = colour
+    pale = ((r + 255) // 2, (g + 255) // 2, (b + 255) // 2, 255)
+    points = rr.SeriesPoints(names=[name], colors=[pale], marker_sizes=[3], markers="cross")
+    recording.log(entity, points, static=True)
+    lines = rr.SeriesLines(names=[name], colors=[pale], widths=[1.0])
+    recording.log(entity, lines, static=True)

@@ -1,0 +1,206 @@
+"""The history of a layer: small, and bit for bit what the values were, whatever was merged how."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_run import MadeRun, temp_grid
+
+from mapping.artifacts import MergedGrid, TempGrid
+from mapping.grid import GridGeometry, Window
+from mapping.update_rules import UPDATE_RULES
+from mapping.update_rules.state import start
+from replay.rrd.distance_table import fit_table, look_up
+from replay.rrd.history import HistoryError, HistoryReader
+from replay.rrd.history_track import Track
+from replay.rrd.history_writer import HistoryWriter
+from replay.rrd.tiles import start_value
+
+GRID = GridGeometry((-0.3, -0.2), 0.02, 110, 140)
+
+
+def readings(
+    rule: str, count: int, width_deg: float = 38.0, grid: GridGeometry = GRID
+) -> Iterator[tuple[TempGrid, MergedGrid]]:
+    """Real merges of made readings of one sensor."""
+    run = MadeRun(grid, sensors=(("ping", width_deg),), readings=count)
+    state = start(rule, grid)
+    for number in range(count):
+        temp = temp_grid(run.beam(number), grid)
+        yield temp, state.merge(temp)
+
+
+def empty(rule: str) -> np.ndarray:
+    known = UPDATE_RULES[rule]
+    return np.full(GRID.shape, start_value(known.kind, rule), np.float32)
+
+
+def told(
+    rule: str, count: int, **options: float
+) -> tuple[list[tuple[int, bytes]], list[np.ndarray]]:
+    """The records of a run, with the number of the reading of each, and the grid after each."""
+    known = UPDATE_RULES[rule]
+    writer: HistoryWriter[int] = HistoryWriter(GRID, known.kind, start_value(known.kind, rule))
+    grid, records, after = empty(rule), [], []
+    for number, (temp, merged) in enumerate(readings(rule, count)):
+        records += writer.add(merged.window, merged.values, temp, number)
+        grid[merged.window.slices] = merged.values
+        after.append(grid.copy())
+    return records + writer.drain(), after
+
+
+def reader(rule: str) -> HistoryReader:
+    known = UPDATE_RULES[rule]
+    return HistoryReader(Track(GRID, known.kind, start_value(known.kind, rule)))
+
+
+@pytest.mark.parametrize("rule", sorted(UPDATE_RULES))
+def test_every_rules_values_come_back_bit_for_bit(rule: str) -> None:
+    records, after = told(rule, 40)
+    back = reader(rule)
+    newest = 0
+    for number, record in records:
+        assert number >= newest
+        newest = number
+        back.take(record)
+        assert back.values.tobytes() == after[number].tobytes()
+    assert back.values.tobytes() == after[-1].tobytes()
+
+
+@pytest.mark.parametrize("width_deg", [38.0, 6.0])
+def test_what_readings_say_by_distance_alone_takes_next_to_nothing(width_deg: float) -> None:
+    """A tenth, once the table is there, of what the plain differences take."""
+    grid = GridGeometry((-0.3, -0.2), 0.01, 280, 360)
+    foretold: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5)
+    plain: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5)
+    sizes = {"foretold": 0, "plain": 0}
+    for number, (temp, merged) in enumerate(readings("bayes", 48, width_deg, grid)):
+        records = foretold.add(merged.window, merged.values, temp, number)
+        sizes["foretold"] += sum(len(record) for ticket, record in records if ticket >= 24)
+        ((_, record),) = plain.add(merged.window, merged.values, None, number)
+        sizes["plain"] += len(record) * (number >= 24)
+    assert 0 < 10 * sizes["foretold"] < sizes["plain"]
+
+
+def test_a_lost_or_spoiled_record_is_noticed() -> None:
+    records, _ = told("bayes", 30)
+    back = reader("bayes")
+    back.take(records[0][1])
+    with pytest.raises(HistoryError, match="record 2 is missing"):
+        back.take(records[2][1])
+    plain, _ = told("sum", 2)
+    spoiled = bytearray(plain[1][1])
+    spoiled[30] ^= 1  # of the checksum or the lengths; either way it cannot come out right
+    back = reader("sum")
+    back.take(plain[0][1])
+    with pytest.raises((HistoryError, OSError, ValueError)):
+        back.take(bytes(spoiled))
+
+
+def test_whole_values_in_between_and_a_restart() -> None:
+    """A whole tile that the file holds, and the odds forgotten after a whole map."""
+    writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5)
+    back, grid = reader("bayes"), empty("bayes")
+    for number, (temp, merged) in enumerate(readings("bayes", 60)):
+        before = grid.copy()
+        grid[merged.window.slices] = merged.values
+        if number == 25:
+            for _, record in writer.drain():
+                back.take(record)
+            for taker in (writer, back):
+                taker.replace(merged.window, merged.values)
+        else:
+            for _, record in writer.add(merged.window, merged.values, temp, number):
+                back.take(record)
+        if number == 40:
+            for _, record in writer.drain():
+                back.take(record)
+            assert back.values.tobytes() == grid.tobytes()
+            for taker in (writer, back):
+                taker.restart()
+        assert not np.array_equal(before, grid)
+    for _, record in writer.drain():
+        back.take(record)
+    assert back.values.tobytes() == grid.tobytes()
+
+
+@settings(deadline=None, max_examples=12)
+@given(seed=st.integers(0, 2**32 - 1), count=st.integers(1, 25), odds=st.booleans())
+def test_any_bits_in_any_windows_with_or_without_temp_grids(
+    seed: int, count: int, odds: bool
+) -> None:
+    random = np.random.default_rng(seed)
+    geometry = GridGeometry(
+        (0.0, 0.0), 0.1, int(random.integers(1, 60)), int(random.integers(1, 60))
+    )
+    kind = "odds" if odds else "probability"
+    writer: HistoryWriter[int] = HistoryWriter(geometry, kind, 0.5)
+    back = HistoryReader(Track(geometry, kind, 0.5))
+    grid, run = np.full(geometry.shape, 0.5, np.float32), MadeRun(geometry, readings=count)
+    grids = []
+    for number in range(count):
+        temp = temp_grid(run.beam(number), geometry)
+        window = temp.window
+        if random.random() < 0.5:
+            window = Window(0, 0, int(random.integers(1, geometry.rows + 1)), geometry.cols)
+        values = grid[window.slices].copy()
+        some = random.random(values.shape) < random.random()
+        bits = random.integers(0, 2**32, values.shape, dtype=np.uint32)
+        values[some] = bits.view(np.float32)[some]
+        grid[window.slices] = values
+        grids.append(grid.copy())
+        given_temp = temp if random.random() < 0.8 else None
+        for told_number, record in writer.add(window, values, given_temp, number):
+            back.take(record)
+            assert back.values.tobytes() == grids[told_number].tobytes()
+    for _, record in writer.drain():
+        back.take(record)
+    assert back.values.tobytes() == grid.tobytes()
+
+
+def test_a_reading_that_lacks_its_front_or_band() -> None:
+    temp, merged = next(readings("bayes", 1))
+    nothing = np.zeros_like(temp.band)
+    for changed in ({"band": nothing}, {"front": nothing}, {"band": nothing, "front": nothing}):
+        writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5)
+        part = dataclasses.replace(temp, **changed)
+        records = writer.add(merged.window, merged.values, part, 0) + writer.drain()
+        back = reader("bayes")
+        for _, record in records:
+            back.take(record)
+        assert back.values[merged.window.slices].tobytes() == merged.values.tobytes()
+
+
+@settings(deadline=None, max_examples=6)
+@given(
+    scale=st.floats(0.3, 3.0), low=st.floats(0.05, 0.9), seed=st.integers(0, 2**32 - 1),
+)  # fmt: skip
+def test_a_smooth_function_is_found_to_ten_digits(scale: float, low: float, seed: int) -> None:
+    x = np.random.default_rng(seed).uniform(0.0, 2.5, 30_000)
+    y = low + (1.0 - low) * np.exp(-((x / scale) ** 2))
+    table = fit_table(x, y)
+    assert table is not None
+    got = look_up(table.cubics(), table.spacing_m, x[(x > 0.01) & (x < 2.49)])
+    assert np.abs(got / y[(x > 0.01) & (x < 2.49)] - 1.0).max() < 1e-9
+
+
+def test_one_value_needs_few_knots_and_noise_makes_no_table() -> None:
+    x = np.linspace(0.0, 30.0, 5000)
+    table = fit_table(x, np.full(5000, 0.3))
+    assert table is not None
+    assert len(table.knots) < 10
+    assert (look_up(table.cubics(), table.spacing_m, x) == 0.3).all()
+    assert fit_table(x, np.random.default_rng(1).random(5000) + 0.1) is None
+    assert fit_table(x[:5], x[:5] + 1.0) is None
+
+
+def test_beyond_its_end_a_table_says_nothing() -> None:
+    table = fit_table(np.linspace(0, 1, 9000), np.exp(-np.linspace(0, 1, 9000)))
+    assert table is not None
+    far = look_up(table.cubics(), table.spacing_m, np.array([5.0, 100.0]))
+    assert (far == 1.0).all()
