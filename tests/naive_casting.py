@@ -35,7 +35,7 @@ def nearest_on_ray(
     for row, col in np.argwhere(occupied):
         enter, leave = 0.0, math.inf
         for place, low, way in ((x, float(col), c), (y, float(row), s)):
-            if abs(way) < 1e-300:
+            if way == 0.0:
                 if not low <= place < low + 1:
                     leave = -math.inf
                 continue
