@@ -28,8 +28,11 @@ format: $(VENV)/.installed-dev ## Lay out the code, mend what ruff can mend
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-screenshot: $(VENV)/.installed-dev ## Take the picture for the README again
+screenshot: $(VENV)/.installed-dev ## Make all pictures of the README and the docs again
 	$(BIN)/python docs/make_screenshot.py
+	$(BIN)/python docs/make_rule_pictures.py
+	$(BIN)/python docs/make_diff_picture.py
+	$(BIN)/python -m docs.make_line_pictures
 
 clean: ## Remove the environment and all caches
 	rm -rf "$(VENV)" build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -22,8 +22,9 @@ from recorder.cli.recording import line_options, prepared, tell_counters
 def record(source: str, output: Path, force: bool, quiet: bool, **choices: Any) -> int:
     """Record SOURCE into a session.
 
-    SOURCE is a device, socket://HOST:PORT, rfc2217://HOST:PORT or sim:ROOM. On a terminal, space
-    or p pauses and goes on and q ends; elsewhere the signals SIGUSR1 and SIGINT do.
+    SOURCE is a device, socket://HOST:PORT, rfc2217://HOST:PORT, sim:ROOM (a simulated robot) or
+    replay:SESSION (one that was recorded). On a terminal, space or p pauses and goes on and q ends;
+    elsewhere the signals SIGUSR1 and SIGINT do.
     """
     from recorder.recording_run import record_line
 
