@@ -342,8 +342,7 @@ def _lines_of_pieces(
         # The outer two have had their say about the corners of their neighbours.
         outer = out[p, layout.FIRST] == first[0] or out[p, layout.FIRST] == first[pieces - 1]
         dx, dy = out[p, layout.X1] - out[p, layout.X0], out[p, layout.Y1] - out[p, layout.Y0]
-        length = math.hypot(dx, dy)
-        if length >= settings[3] and not (outer and drop):
+        if math.hypot(dx, dy) >= settings[3] and not (outer and drop):
             out[kept, :] = out[p, :]
             kept += 1
     return kept
@@ -393,10 +392,9 @@ def lines_of_chains(
             )  # fmt: skip
         for p in range(pieces if ring and pieces > 1 else pieces - 1):
             _settle(xy, begin, end, first, count, sums, p, (p + 1) % pieces, settle, y_on_x)
-        before = n_out
-        n_out = _lines_of_pieces(
+        until = _lines_of_pieces(
             xy, begin, end, ring, first, count, sums, pieces, settings, out, n_out
         )
-        for p in range(before, n_out):
-            out[p, layout.CHAIN] = c
+        out[n_out:until, layout.CHAIN] = c
+        n_out = until
     return n_out, n_split, n_merge

@@ -1,0 +1,200 @@
+"""The sections of the configuration, one a stage; each key with its default and what it means."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+Display = Literal["grey", "reduced", "odds", "two-colours", "three-colours"]
+
+
+class Section(BaseModel):
+    """Base of all sections: frozen, and closed to keys it does not know."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class PoseSection(Section):
+    """Where the robot was at each reading's own time."""
+
+    topic: str = Field("", description="topic of the poses; empty: /pose, or the only one there is")
+    odom_start: Literal["own", "tracker"] = Field(
+        "own", description="/odom as it is, or laid on the tracker's pose where both begin"
+    )
+    rides_on: Literal["base", "head"] = Field(
+        "base", description="what the tracker's tag is fixed to"
+    )
+    max_gap_s: Positive = Field(
+        0.5, description="readings in a longer gap between two poses are dropped"
+    )
+    fixed: tuple[Finite, Finite, Finite] | None = Field(
+        None, description="x_m, y_m, heading_deg of a robot that stands still: no tracker needed"
+    )
+
+
+class GridSection(Section):
+    """The cells of the map."""
+
+    resolution_m: Positive = Field(0.01, description="side of a cell")
+    origin_m: tuple[Finite, Finite] | None = Field(
+        None, description="outer corner of cell (0, 0); default: what the session needs"
+    )
+    size_m: tuple[Positive, Positive] | None = Field(
+        None, description="width and height; default: what the session needs"
+    )
+    max_cells: int = Field(100_000_000, gt=0, description="a larger grid is refused")
+
+
+class SensorSection(Section):
+    """One sensor, `[sensors.NAME]`. What is left out comes from the session or the built-ins."""
+
+    topic: str | None = Field(None, description="topic of its readings; default /range/NAME")
+    kind: str | None = Field(None, description="what the sensor is: ping, dirrs, lidar")
+    beam_width_deg: Annotated[float, Field(gt=0, le=360)] | None = Field(
+        None, description="full width of the beam"
+    )
+    range_error: Annotated[float, Field(ge=0, lt=1)] | None = Field(
+        None, description="relative error of a range, +-"
+    )
+    mount: tuple[Finite, Finite, Finite] | None = Field(
+        None, description="x_m, y_m, yaw_deg on the robot (or on the head)"
+    )
+    min_range_m: NonNegative | None = Field(None, description="readings below are dropped")
+    max_range_m: Positive | None = Field(None, description="readings at or beyond saw nothing")
+    layer: str | None = Field(None, description="map that the readings go into")
+    model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
+    regions: int | None = Field(None, description="regions over +-3 standard deviations: 6, 12 ...")
+    gaussian: Literal["both", "angle", "distance", "none"] | None = Field(
+        None, description="which of the two errors are Gaussian"
+    )
+    emptiness: Literal["none", "constant", "linear", "combined"] | None = Field(
+        None, description="what is said of the cells in front of the band"
+    )
+    p_hit: Fraction | None = Field(None, description="peak: probability at the likeliest place")
+    p_miss: Fraction | None = Field(None, description="peak: probability close to the sensor")
+    hit: NonNegative | None = Field(None, description="fading: log-odds of the band, close by")
+    miss: NonNegative | None = Field(None, description="fading: log-odds taken in front")
+    near: NonNegative | None = Field(None, description="fading: how much surer close to the sensor")
+    before: NonNegative | None = Field(None, description="fading: band before the range, relative")
+    behind: NonNegative | None = Field(None, description="fading: band behind the range, relative")
+    fade_m: Positive | None = Field(None, description="fading: range at which half is believed")
+    update: str | None = Field(None, description="update rule: bayes, odds, count ...")
+    rasteriser: Literal["cells", "arcs"] | None = Field(
+        None, description="every cell at its centre, or the chapter's sampling along arcs"
+    )
+    second_grid: bool | None = Field(
+        None, description="arcs: sample into a grid of its own, then merge"
+    )
+    no_echo: Literal["empties", "skipped"] | None = Field(
+        None, description="what a reading that saw nothing does"
+    )
+
+
+class FusionSection(Section):
+    """How the maps of several sensors become one."""
+
+    rule: Literal["bayes", "weights"] = Field(
+        "bayes", description="log-odds added, or weighted sum"
+    )
+    weights: Literal["angular", "range", "equal"] | dict[str, NonNegative] = Field(
+        "angular", description="by angular resolution, by range error, equal, or given by layer"
+    )
+
+
+class BordersSection(Section):
+    """From a grid to closed borders."""
+
+    threshold: Fraction = Field(0.55, description="occupied where the probability is above it")
+    tracer: Literal["closed", "chapter"] = Field(
+        "closed", description="the right tracer, or the chapter's stop and start rules"
+    )
+    compare: tuple[Fraction, ...] = Field(
+        (0.51, 0.55, 0.60), description="thresholds that the recording shows side by side"
+    )
+
+
+class SegmentsSection(Section):
+    """From borders or raw points to straight lines."""
+
+    source: Literal["borders", "ridge"] = Field(
+        "borders", description="follow the border of a wall, or the centre line of its band"
+    )
+    method: str = Field("split-and-merge", description="how points become lines")
+    epsilon_m: Positive = Field(0.06, description="farthest point from a chord before it is split")
+    fit: Literal["total", "y-on-x"] = Field(
+        "total", description="total least squares, or y = mx + b"
+    )
+    wrap: Literal["on", "off", "drop"] = Field(
+        "on", description="first and last line are neighbours; not; or both are dropped"
+    )
+    merge: Literal["joint-fit", "angle", "collinear", "endpoints", "none"] = Field(
+        "joint-fit", description="test by which neighbouring lines become one"
+    )
+    rms_m: Positive | None = Field(
+        None, description="largest rms of a line that grows or is merged; default 0.4 epsilon_m"
+    )
+    merge_angle_deg: Positive = Field(10.0, description="merge by angle: neighbours that bend less")
+    corner_angle_deg: Annotated[float, Field(gt=0, le=90)] = Field(
+        10.0, description="neighbours that bend less do not meet in a corner"
+    )
+    corner_reach_m: NonNegative = Field(
+        0.25, description="a corner further from the points than this is none"
+    )
+    wall_m: NonNegative = Field(
+        0.12,
+        description="grids: the two faces of a wall this thin, or of a cell or two, are a line",
+    )
+    order: Literal["time", "bearing", "path"] = Field(
+        "time", description="of raw points: as measured, around the robot, or nearest to nearest"
+    )
+    gap_m: Positive = Field(0.3, description="pieces of a line further apart are not joined")
+    raw_gap_m: Positive = Field(0.15, description="nor are a ranger's neighbouring points")
+    min_points: int = Field(5, ge=2, description="fewer points make no line")
+    min_length_m: NonNegative = Field(0.2, description="shorter lines are left out")
+    seed: int = Field(0, description="of the methods that draw at random")
+
+    @property
+    def largest_rms_m(self) -> float:
+        """The bound on a line's rms in force, metres."""
+        return 0.4 * self.epsilon_m if self.rms_m is None else self.rms_m
+
+
+class RerunSection(Section):
+    """What of a run is shown in the recording."""
+
+    every: int = Field(1, ge=1, description="every k-th reading is shown; all of them are mapped")
+    stages_every: int = Field(
+        0, ge=0, description="borders, lines and fusion after every k readings; 0: at the end"
+    )
+    line_stages: Literal["together", "each", "none"] = Field(
+        "together",
+        description="splits, merges, fits and corners at the end: a step a kind, or one for each",
+    )
+    tracer_steps: int = Field(
+        0, ge=0, description="so many steps of the tracer along each layer's longest border"
+    )
+    budget_mb: Positive = Field(100.0, description="size that the recording should stay under")
+    display: tuple[Display, ...] = Field(
+        ("grey", "reduced", "odds", "two-colours", "three-colours"),
+        description="further ways to draw the maps at each snapshot, hidden at first",
+    )
+    display_levels: int = Field(5, ge=2, le=256, description="shades left at reduced depth")
+
+
+class MappingConfig(Section):
+    """All sections."""
+
+    pose: PoseSection = PoseSection()
+    grid: GridSection = GridSection()
+    sensors: dict[str, SensorSection] = Field(default_factory=dict)
+    fusion: FusionSection = FusionSection()
+    borders: BordersSection = BordersSection()
+    segments: SegmentsSection = SegmentsSection()
+    rerun: RerunSection = RerunSection()
