@@ -149,7 +149,7 @@ def merged(belief: Belief, temp: TempGrid) -> MergedGrid:
     """The log-odds added, and the rectangle before and after."""
     part = temp.window.slices
     p = temp.probability
-    previous = belief.probability[part]
+    previous = (1.0 / (1.0 + np.exp(-belief.log_odds[part]))).astype(np.float32)
     belief.log_odds[part] = np.clip(belief.log_odds[part] + np.log(p / (1 - p)), -13.8, 13.8)
     belief.observed[part] |= temp.band | temp.front
     belief.points_m.append(temp.beam.points_m)

@@ -327,6 +327,21 @@ def test_the_browser_shows_the_empty_map_first(path: Path) -> None:
     assert share >= 0.1
 
 
+@pytest.mark.viewer
+def test_a_page_without_our_policy_would_be_caught_talking_elsewhere(tmp_path: Path) -> None:
+    """The check that nothing leaves the machine can fail: here something would."""
+    page = tmp_path / "page.html"
+    page.write_text('<link rel="stylesheet" href="https://elsewhere.invalid/style.css">')
+    browser = Browser(page.as_uri())
+    try:
+        end = time.monotonic() + 120.0
+        while "elsewhere.invalid" not in browser.hosts_elsewhere():
+            assert time.monotonic() < end
+            time.sleep(0.2)
+    finally:
+        browser.close()
+
+
 def test_a_made_run_has_all_kinds_of_artifacts(artifacts: list[Artifact]) -> None:
     """The tests above step through each kind; this holds that none is missing."""
     assert isinstance(artifacts[0], Started)

@@ -10,7 +10,6 @@ import itertools
 import math
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +17,11 @@ import pytest
 from conftest import ROOT
 from PIL import Image
 from scipy.spatial import cKDTree
-from viewer_support import Browser, headless
+from viewer_support import Browser, Scale, headless, near
 
 from mapping.artifacts import Artifact, Finished, MergedGrid, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config import MappingConfig, load_config
-from mapping.grid import GridGeometry
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.session import read_session
@@ -84,41 +82,6 @@ def walls_m(artifacts: list[Artifact]) -> np.ndarray:
         for start, end in started.walls_m
     ]
     return np.concatenate(each)
-
-
-@dataclass(frozen=True)
-class Scale:
-    """From pixels of a view to metres of the map."""
-
-    left: float
-    bottom: float
-    px_per_m: float
-    geometry: GridGeometry
-
-    @classmethod
-    def of(cls, empty: np.ndarray, geometry: GridGeometry) -> Scale:
-        """By where the empty grid of the first step lies, as a mask of its pixels."""
-        rows, cols = np.nonzero(empty)
-        width = cols.max() + 1 - cols.min()
-        return cls(cols.min(), rows.max() + 1, width / geometry.size_m[0], geometry)
-
-    def metres(self, mask: np.ndarray) -> np.ndarray:
-        """Centres of a mask's pixels, (N, 2)."""
-        rows, cols = np.nonzero(mask)
-        offset = np.column_stack([cols + 0.5 - self.left, self.bottom - rows - 0.5])
-        return offset / self.px_per_m + self.geometry.origin_m
-
-    def pixels(self, points_m: np.ndarray) -> np.ndarray:
-        """Points (N, 2) as row and column, whole numbers."""
-        offset = (points_m - self.geometry.origin_m) * self.px_per_m
-        return np.column_stack([self.bottom - offset[:, 1], self.left + offset[:, 0]]).astype(int)
-
-
-def near(image: Image.Image, colour: tuple[int, ...], within: int = 12) -> np.ndarray:
-    """Which pixels have about that colour."""
-    gap = np.abs(np.asarray(image).astype(int) - np.array(colour[:3])).max(axis=-1)
-    close: np.ndarray = gap <= within
-    return close
 
 
 def dark(image: Image.Image) -> np.ndarray:

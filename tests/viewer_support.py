@@ -12,15 +12,21 @@ import io
 import json
 import os
 import shutil
+import socketserver
 import subprocess
 import tempfile
+import threading
 import time
+import urllib.parse
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from PIL import Image
 
+from mapping.grid import GridGeometry
 from recorder.errors import BadInput
 from replay.rrd.headless import HeadlessViewer
 
@@ -49,8 +55,73 @@ def headless(path: Path, **options: Any) -> HeadlessViewer:
         raise
 
 
+@dataclass(frozen=True)
+class Scale:
+    """From pixels of a view to metres of the map."""
+
+    left: float
+    bottom: float
+    px_per_m: float
+    geometry: GridGeometry
+
+    @classmethod
+    def of(cls, empty: np.ndarray, geometry: GridGeometry) -> Scale:
+        """By where the empty grid of the first step lies, as a mask of its pixels."""
+        rows, cols = np.nonzero(empty)
+        width = cols.max() + 1 - cols.min()
+        return cls(cols.min(), rows.max() + 1, width / geometry.size_m[0], geometry)
+
+    def metres(self, mask: np.ndarray) -> np.ndarray:
+        """Centres of a mask's pixels, (N, 2)."""
+        rows, cols = np.nonzero(mask)
+        offset = np.column_stack([cols + 0.5 - self.left, self.bottom - rows - 0.5])
+        return offset / self.px_per_m + self.geometry.origin_m
+
+    def pixels(self, points_m: np.ndarray) -> np.ndarray:
+        """Points (N, 2) as row and column, whole numbers."""
+        offset = (points_m - self.geometry.origin_m) * self.px_per_m
+        return np.column_stack([self.bottom - offset[:, 1], self.left + offset[:, 0]]).astype(int)
+
+
+def near(image: Image.Image, colour: tuple[int, ...], within: int = 12) -> np.ndarray:
+    """Which pixels have about that colour."""
+    gap = np.abs(np.asarray(image).astype(int) - np.array(colour[:3])).max(axis=-1)
+    close: np.ndarray = gap <= within
+    return close
+
+
+class Outside(socketserver.ThreadingTCPServer):
+    """Stands where the way to other machines begins: notes who is asked for, lets nothing through.
+
+    ``hosts`` are the machines that a browser would have talked to.
+    """
+
+    daemon_threads = True
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), _Refusal)
+        self.hosts: set[str] = set()
+        threading.Thread(target=self.serve_forever, daemon=True).start()
+
+    @property
+    def address(self) -> str:
+        """As a browser takes a proxy."""
+        return f"http://127.0.0.1:{self.server_address[1]}"
+
+
+class _Refusal(socketserver.StreamRequestHandler):
+    server: Outside
+
+    def handle(self) -> None:
+        """``CONNECT host:port`` or ``GET http://host/...``: write the host down and hang up."""
+        _, _, target = self.rfile.readline(65536).decode("latin-1").partition(" ")
+        url = target.split(" ")[0]
+        host = urllib.parse.urlsplit(url if "://" in url else f"//{url}").hostname
+        self.server.hosts.add(host or url)
+
+
 class Browser:
-    """A headless Chromium showing one page."""
+    """A headless Chromium showing one page; it can reach no machine but this one."""
 
     def __init__(self, url: str, size: tuple[int, int] = (1200, 800)) -> None:
         program = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -62,6 +133,7 @@ class Browser:
         os.close(low_in)
         os.close(low_out)
         self._profile = tempfile.TemporaryDirectory()
+        self._outside = Outside()
 
         def as_files_3_and_4() -> None:
             os.dup2(to_it, 3)
@@ -70,7 +142,8 @@ class Browser:
         self._process = subprocess.Popen(
             [str(program), "--headless=new", "--no-sandbox",
              "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist",
-             "--remote-debugging-pipe", f"--user-data-dir={self._profile.name}",
+             f"--proxy-server={self._outside.address}", "--remote-debugging-pipe",
+             f"--user-data-dir={self._profile.name}",
              f"--window-size={size[0]},{size[1]}", url],
             preexec_fn=as_files_3_and_4, pass_fds=(3, 4),  # noqa: PLW1509 (no threads here)
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
@@ -95,10 +168,19 @@ class Browser:
             )  # fmt: skip
 
     def requests_elsewhere(self) -> list[str]:
-        """What the page loaded from any machine but this one."""
+        """What the page sent to any machine but this one.
+
+        A page's own list also names what its policy forbade, which was never sent. So only that
+        counts which came to where the way outside begins. (Chromium itself asks there, too.)
+        """
         script = "JSON.stringify(performance.getEntriesByType('resource').map(e => e.name))"
         names = json.loads(self._call("Runtime.evaluate", expression=script)["result"]["value"])
-        return [name for name in names if "127.0.0.1" not in name and name.startswith("http")]
+        sent = self.hosts_elsewhere()
+        return [name for name in names if urllib.parse.urlsplit(name).hostname in sent]
+
+    def hosts_elsewhere(self) -> set[str]:
+        """The machines that the page, or Chromium for itself, would have talked to by now."""
+        return set(self._outside.hosts)
 
     def close(self) -> None:
         with contextlib.suppress(OSError):
@@ -110,6 +192,8 @@ class Browser:
             self._process.wait()
         os.close(self._out)
         os.close(self._in)
+        self._outside.shutdown()
+        self._outside.server_close()
         with contextlib.suppress(OSError):
             self._profile.cleanup()
 

@@ -21,25 +21,50 @@ _TOLERANCE_RAD = 1e-10
 
 
 @njit(cache=True, error_model="numpy")
+def _box_of_cone(heading_rad: float, half_width_rad: float) -> tuple[float, float, float, float]:
+    """Lowest and highest x, lowest and highest y of a cone of length 1 with its tip at (0, 0)."""
+    quarter, high = math.pi / 2.0, heading_rad + half_width_rad
+    angle = heading_rad - half_width_rad
+    axis = math.ceil(angle / quarter)
+    left = right = down = up = 0.0
+    while True:  # one edge, each axis direction that lies between, the other edge
+        left, right = min(left, math.cos(angle)), max(right, math.cos(angle))
+        down, up = min(down, math.sin(angle)), max(up, math.sin(angle))
+        if angle >= high:
+            return left, right, down, up
+        angle = min(axis * quarter, high)
+        axis += 1
+
+
+@njit(cache=True, error_model="numpy")
 def nearest_in_cone(
     occupied: Flags, x: float, y: float, heading_rad: float, half_width_rad: float, reach: float
 ) -> float:
     """The nearest occupied cell whose centre lies in the cone, up to ``reach``; or +Inf.
 
     A centre within half a cell's diagonal of the axis counts as well, so that a thin beam slips
-    through no wall.
+    through no wall. Rows are searched from the sensor outwards, and only as far as what was found.
     """
-    rows, cols = occupied.shape
     cos_heading, sin_heading = math.cos(heading_rad), math.sin(heading_rad)
-    best_squared = reach * reach
-    found = False
-    first_row, last_row = max(math.floor(y - reach), 0), min(int(y + reach) + 1, rows)
-    first_col, last_col = max(math.floor(x - reach), 0), min(int(x + reach) + 1, cols)
-    for row in range(first_row, last_row):
+    best_squared, found = reach * reach, False
+    left, right, down, up = _box_of_cone(heading_rad, half_width_rad)
+    first_row = max(math.floor(y + reach * down) - 2, 0)
+    last_row = min(math.floor(y + reach * up) + 3, occupied.shape[0])
+    first_col = max(math.floor(x + reach * left) - 2, 0)
+    last_col = min(math.floor(x + reach * right) + 3, occupied.shape[1])
+    above = min(max(math.floor(y), first_row), last_row)
+    below = above - 1
+    while above < last_row or below >= first_row:
+        is_above = above < last_row and (below < first_row or above + 0.5 - y <= y - below - 0.5)
+        row = above if is_above else below
+        above, below = above + is_above, below - (not is_above)
         dy = row + 0.5 - y
         if dy * dy > best_squared:
-            continue
-        for col in range(first_col, last_col):
+            break  # all other rows are farther away
+        width = math.sqrt(best_squared - dy * dy) + 2.0
+        for col in range(
+            max(first_col, math.floor(x - width)), min(last_col, math.floor(x + width) + 1)
+        ):
             if not occupied[row, col]:
                 continue
             dx = col + 0.5 - x
@@ -50,8 +75,7 @@ def nearest_in_cone(
             across = abs(dy * cos_heading - dx * sin_heading)
             beside = along > 0.0 and across <= HALF_DIAGONAL
             if beside or math.atan2(across, along) <= half_width_rad + _TOLERANCE_RAD:
-                best_squared = squared
-                found = True
+                best_squared, found = squared, True
     return math.sqrt(best_squared) if found else math.inf
 
 

@@ -17,7 +17,6 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from replay.rrd import layout
-from replay.rrd.pictures import strength_png
 
 Columns = list[rr.ComponentColumn]
 Pack = Callable[[Sequence[Any]], Columns]
@@ -113,8 +112,6 @@ def _texts(name: str, rows: Sequence[str]) -> rr.ComponentColumn:
 _BLOB = pa.list_(pa.field("item", pa.uint8(), nullable=False))
 _BUFFER = next(iter(rr.SegmentationImage.columns(buffer=[b"0"]))).component_descriptor()
 
-_PNG = next(iter(rr.EncodedImage.columns(blob=[b"0"]))).component_descriptor()
-
 
 def image_format(shape: tuple[int, ...]) -> rr.components.ImageFormat:
     """One byte a cell, rows and columns as in ``shape``."""
@@ -133,26 +130,28 @@ def class_images(rows: Sequence[NDArray[np.uint8]]) -> Columns:
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """A PNG with its place: the outer corner of its cell (0, 0), and the side of a cell, metres."""
+    """Classes (rows, cols) with the outer corner of their cell (0, 0) and its side, metres."""
 
     corner_m: tuple[float, float]
     cell_m: float
-    png: bytes
+    cells: NDArray[np.uint8]
 
 
-NOTHING = Patch((0.0, 0.0), 1.0, strength_png(np.zeros((1, 1), np.uint8)))
+NOTHING = Patch((0.0, 0.0), 1.0, np.zeros((1, 1), np.uint8))
 
 
 def patches(rows: Sequence[Patch]) -> Columns:
     """Pictures whose place and size differ from row to row; row 0 lies at the lowest y.
 
-    The scale is written again each time: a transform is taken from one row, whole.
+    They are of the same kind as the cells below them. Compressed pictures (PNG) would take a third
+    of the room, but the viewer keeps to the drawing order only among pictures of one kind: of two
+    kinds, it draws that first whose middle is farther from the middle of the view. The scale is
+    written again each time: a transform is taken from one row, whole.
     """
-    flat = np.frombuffer(b"".join(row.png for row in rows), np.uint8)
-    offsets = pa.array(_offsets([len(row.png) for row in rows]))
-    blobs = pa.ListArray.from_arrays(offsets, pa.array(flat), type=_BLOB)
+    formats = [image_format(row.cells.shape) for row in rows]
     return [
-        rr.ComponentColumn(_PNG, _Arrow(blobs)),
+        *class_images([row.cells for row in rows]),
+        *rr.SegmentationImage.columns(format=formats),
         *rr.Transform3D.columns(
             translation=[[*row.corner_m, 0.0] for row in rows],
             scale=[[row.cell_m] * 3 for row in rows],

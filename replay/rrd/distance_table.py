@@ -20,6 +20,7 @@ _SPACINGS_M = tuple(0.0005 * 2.0**k for k in range(8))
 _DEGREE = 11
 _PIECE_M = 0.05  # one polynomial fits this far to 12 digits, for what a sensor model may say
 _LEAST_SAMPLES = 3 * (_DEGREE + 1)
+_ENOUGH_SAMPLES = 256  # for one polynomial; that it fits is tried on all
 _PRECISION = 2e-12  # relative; a few hundred readings may add up before a float32 differs
 
 
@@ -119,7 +120,8 @@ def _fine_knots(x: Floats, y: Floats) -> Floats | None:
 def _polynomial(x: Floats, y: Floats) -> np.polynomial.Chebyshev | None:
     if len(x) < _LEAST_SAMPLES:
         return None
-    fitted = np.polynomial.Chebyshev.fit(x, y, _DEGREE)
+    every = -(-len(x) // _ENOUGH_SAMPLES)
+    fitted = np.polynomial.Chebyshev.fit(x[::every], y[::every], _DEGREE, domain=[x[0], x[-1]])
     error = np.abs(fitted(x) / y - 1.0)
     # A kink between two pieces spoils one of them, which is no reason to spoil the rest.
     return fitted if float(np.quantile(error, 0.9)) <= 50 * _PRECISION else None

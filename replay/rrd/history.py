@@ -80,22 +80,15 @@ class Masks:
     band: NDArray[np.bool_]
     others: NDArray[np.bool_]
 
-    def covered(
-        self, geometry: GridGeometry, sensor_m: tuple[float, float], factors: Floats
-    ) -> Covered:
-        """The same as cells of the grid, with the factors of those in the band."""
-        front, band, others = (
-            cells_of(mask, self.window, geometry) for mask in (self.front, self.band, self.others)
+    def covered(self, geometry: GridGeometry) -> tuple[Cells, Cells, int, int]:
+        """The same as cells of the grid and of the window; how many in front and in the band."""
+        from mapping.kernels.foretelling import covered_cells
+
+        w = self.window
+        cells, inner, in_front, in_band = covered_cells(
+            self.front, self.band, self.others, w.row0, w.col0, geometry.cols
         )
-        return Covered(sensor_m, front, band, others, factors)
-
-
-def cells_of(mask: NDArray[np.bool_], window: Window, geometry: GridGeometry) -> Cells:
-    """Flat indices into the grid of the cells marked in a window."""
-    flat = np.flatnonzero(mask)
-    row, col = np.divmod(flat, max(window.cols, 1))
-    cells: Cells = (row + window.row0) * geometry.cols + (col + window.col0)
-    return cells
+        return cells, inner, in_front, in_band
 
 
 def foretold_record(
@@ -115,7 +108,7 @@ def foretold_record(
     missed = np.flatnonzero(off)
     if len(missed) > most_missed * len(true):
         return None
-    others = bool(len(covered.others))
+    others = len(covered.cells) > covered.in_front + covered.in_band
     counts = (*covered.sensor_m, track.largest_odds, len(missed), len(factors), others)
     body = b"".join([
         _COUNTS.pack(*counts), factors.tobytes(), _packed(masks.front), _packed(masks.band),
@@ -198,12 +191,12 @@ class HistoryReader:
         front, band = parts.mask(), parts.mask()
         left = parts.mask() if others else np.zeros_like(band)
         masks = Masks(head.window, front, band, left)
-        count = int(band.sum())
+        cells, inner, in_front, count = masks.covered(self._track.geometry)
         if kinds > 1:
             factors = factors[np.frombuffer(parts.bytes(2 * count), np.uint16)]
         else:
             factors = np.repeat(factors, count)
-        covered = masks.covered(self._track.geometry, (x, y), factors)
+        covered = Covered((x, y), cells, inner, in_front, count, factors)
         missed = np.cumsum(_unshuffled(parts.bytes(4 * misses)).astype(np.int64))
         off = _unshuffled(parts.bytes(4 * misses))
         odds, foretold = self._track.foretell(covered, head.table)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
-from replay.rrd.distance_table import DistanceTable, look_up
+from replay.rrd.distance_table import DistanceTable
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -28,21 +28,18 @@ STARTS = {"probability": 0.5, "odds": 1.0}
 class Covered:
     """The cells that a reading speaks of, as flat indices into the grid, and what it says.
 
-    Of the cells in front only the distance is known, the ``factors`` of those in the band are
-    given; other cells are changed though nothing is said of them. ``sensor_m`` is where the sensor
-    stood.
+    The first ``in_front`` of ``cells`` lie in front, of which only the distance is known; then come
+    those in the band, whose ``factors`` are given, and others that are changed though nothing is
+    said of them. ``inner`` are the same cells as indices into the reading's window, ``sensor_m`` is
+    where the sensor stood.
     """
 
     sensor_m: tuple[float, float]
-    front: Cells
-    band: Cells
-    others: Cells
+    cells: Cells
+    inner: Cells
+    in_front: int
+    in_band: int
     factors: Floats
-
-    @property
-    def cells(self) -> Cells:
-        """All of them: in front, in the band, others."""
-        return np.concatenate([self.front, self.band, self.others])
 
 
 class Track:
@@ -75,32 +72,28 @@ class Track:
         part[...] = values
 
     def distances_m(self, sensor_m: tuple[float, float], cells: Cells) -> Floats:
-        """From a sensor to the centres of cells."""
+        """From a sensor to the centres of cells, which are in ascending order."""
+        from mapping.kernels.foretelling import distances_m
+
         geometry = self.geometry
-        (x0, y0), size = geometry.origin_m, geometry.resolution_m
-        row, col = np.divmod(cells, geometry.cols)
-        dx = (np.arange(geometry.cols) + 0.5) * size + (x0 - sensor_m[0])
-        dy = (np.arange(geometry.rows) + 0.5) * size + (y0 - sensor_m[1])
-        distances: Floats = np.sqrt((dx * dx)[col] + (dy * dy)[row])
+        x, y = (start - at for start, at in zip(geometry.origin_m, sensor_m, strict=True))
+        distances: Floats = distances_m(cells, geometry.cols, geometry.resolution_m, x, y)
         return distances
 
     def foretell(self, covered: Covered, table: int) -> tuple[Floats, Singles]:
         """Odds and values that the covered cells should have after a reading."""
-        front = np.ones(len(covered.front))
+        from mapping.kernels.foretelling import foretell, front_factors
+
+        front = np.ones(covered.in_front)
         if table < len(self.tables):
-            spacing, cubics = self.tables[table]
-            distances = self.distances_m(covered.sensor_m, covered.front)
-            front = look_up(cubics, spacing, distances)
-        factors = np.concatenate([front, covered.factors, np.ones(len(covered.others))])
-        cells = covered.cells
-        odds = self._odds[cells]
-        fresh = np.flatnonzero(odds == 0.0)
-        with np.errstate(invalid="ignore", over="ignore"):
-            odds[fresh] = self._odds_of(self.values.ravel()[cells[fresh]].astype(np.float64))
-            odds *= factors
-            np.clip(odds, 1.0 / self.largest_odds, self.largest_odds, out=odds)
-            values = odds if self.kind == "odds" else odds / (1.0 + odds)
-            return odds, values.astype(np.float32)
+            spacing_m, cubics = self.tables[table]
+            distances = self.distances_m(covered.sensor_m, covered.cells[: covered.in_front])
+            front = front_factors(cubics, spacing_m, distances)
+        odds, values = foretell(
+            covered.cells, front, covered.factors, self._odds, self.values.ravel(),
+            self.kind == "odds", self.largest_odds,
+        )  # fmt: skip
+        return odds, values
 
     def settle(
         self, covered: Covered, odds: Floats, foretold: Singles, missed: Cells, true: Singles
@@ -108,24 +101,16 @@ class Track:
         """Take over what was foretold, but for the ``missed`` cells, which hold ``true``.
 
         A value that was missed by one bit had odds at the border between the two, nearly. Returns
-        the values of all covered cells.
+        the values of all covered cells; ``odds`` and ``foretold`` are written over.
         """
-        values = foretold.copy()
-        values[missed] = true
-        off = np.abs(foretold[missed].view(np.int32).astype(np.int64) - true.view(np.int32))
-        with np.errstate(invalid="ignore", over="ignore"):
-            between = (foretold[missed].astype(np.float64) + true) / 2.0
-        odds[missed] = np.where(off <= 1, self._odds_of(between), 0.0)
-        self._odds[covered.cells] = odds
-        self.values.ravel()[covered.cells] = values
-        return values
+        from mapping.kernels.foretelling import settle
 
-    def _odds_of(self, values: Floats) -> Floats:
-        if self.kind == "odds":
-            return values
-        with np.errstate(divide="ignore", invalid="ignore"):
-            odds: Floats = values / (1.0 - values)
-        return odds
+        off = np.abs(foretold[missed].view(np.int32).astype(np.int64) - true.view(np.int32))
+        settle(
+            covered.cells, odds, foretold, missed, true, off, self._odds, self.values.ravel(),
+            self.kind == "odds",
+        )  # fmt: skip
+        return foretold
 
 
 def largest_odds(clamp: float) -> float:

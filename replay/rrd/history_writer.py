@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from mapping.artifacts import TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import CLAMP
-from replay.rrd.distance_table import DistanceTable, fit_table, look_up
+from replay.rrd.distance_table import DistanceTable, fit_table
 from replay.rrd.history import Masks, foretold_record, plain_record, table_record
-from replay.rrd.history_track import Floats, Singles, Track, largest_odds
+from replay.rrd.history_track import Covered, Floats, Singles, Track, largest_odds
 
 T = TypeVar("T")
 
@@ -110,7 +110,7 @@ class HistoryWriter(Generic[T]):
         table, share = self._best_table(temp)
         if share >= _FITTING or sensor.tried >= _MOST_TABLES:
             return table
-        distances, factors = self._samples(temp, None)
+        distances, factors = self._samples(temp, 0)
         sensor.distances_m.append(distances)
         sensor.factors.append(factors)
         if len(sensor.factors) < _GATHERED:
@@ -119,15 +119,17 @@ class HistoryWriter(Generic[T]):
             self._lacking.discard(temp.beam.sensor)
         return None
 
-    def _samples(self, temp: TempGrid, most: int | None) -> tuple[Floats, Floats]:
-        """Distances and factors of cells in front of a reading, ``most`` of them or all."""
-        front = np.flatnonzero(temp.front)
-        if most is not None:
-            front = front[:: max(1, len(front) // most)]
+    def _samples(self, temp: TempGrid, most: int) -> tuple[Floats, Floats]:
+        """Distances and factors of about ``most`` cells in front of a reading; 0: of all."""
+        from mapping.kernels.foretelling import some_of
+
+        front = some_of(temp.front, most)
         row, col = np.divmod(front, temp.window.cols)
         cells = (row + temp.window.row0) * temp.geometry.cols + col + temp.window.col0
-        where = (temp.beam.world_from_sensor.x_m, temp.beam.world_from_sensor.y_m)
-        return self._track.distances_m(where, cells), self._factors(temp.probability.ravel()[front])
+        return (
+            self._track.distances_m(_sensor_m(temp), cells),
+            self._factors(temp.probability.ravel()[front]),
+        )
 
     def _factors(self, probability: Floats) -> Floats:
         """What readings multiply the odds by."""
@@ -140,11 +142,12 @@ class HistoryWriter(Generic[T]):
         distances, factors = self._samples(temp, _TRIED)
         if not len(factors):
             return None, 1.0
+        from mapping.kernels.foretelling import share_fitting
+
         best: tuple[int | None, float] = (None, 0.0)
         for number in reversed(range(len(self._track.tables))):
             spacing_m, cubics = self._track.tables[number]
-            got = look_up(cubics, spacing_m, distances)
-            share = float(np.mean(np.abs(got - factors) <= _FITS * factors))
+            share = share_fitting(cubics, spacing_m, distances, factors, _FITS)
             if share > best[1]:
                 best = (number, share)
             if share >= _FITTING:
@@ -182,10 +185,10 @@ class HistoryWriter(Generic[T]):
         front, band = temp.front, temp.band
         others = self._changed(reading.window, values) & ~(front | band)
         masks = Masks(reading.window, front, band, others)
-        where = (temp.beam.world_from_sensor.x_m, temp.beam.world_from_sensor.y_m)
-        factors = self._factors(temp.probability[band])
-        covered = masks.covered(self._track.geometry, where, factors)
-        true = np.concatenate([values[front], values[band], values[others]])
+        cells, inner, in_front, in_band = masks.covered(self._track.geometry)
+        said = temp.probability.ravel()[inner[in_front : in_front + in_band]]
+        covered = Covered(_sensor_m(temp), cells, inner, in_front, in_band, self._factors(said))
+        true = values.ravel()[inner]
         table = self._best_table(temp)[0] if reading.table is None else reading.table
         return foretold_record(self._track, self._number, masks, covered, table, true, _MOST_MISSED)
 
@@ -207,3 +210,9 @@ class HistoryWriter(Generic[T]):
             np.uint32
         ) != old.view(np.uint32)
         return changed
+
+
+def _sensor_m(temp: TempGrid) -> tuple[float, float]:
+    """Where the sensor of a reading stood."""
+    sensor = temp.beam.world_from_sensor
+    return sensor.x_m, sensor.y_m

@@ -8,6 +8,7 @@ reading writes only the tiles that it changed.
 
 from __future__ import annotations
 
+import functools
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -79,7 +80,8 @@ _ALONE_OCCUPIED: tuple[Colour, ...] = (
 GROUP = 32  # borders or segments that share an entity
 
 _SMALL_TILE = 64
-_MOST_TILES = 256
+# Of 128 x 128 cells or fewer, the file's compression still finds a tile's version before.
+_MOST_TILES = 1024
 
 
 def class_colour(name: str, number: int) -> Colour:
@@ -138,10 +140,7 @@ def temp(layer: str) -> str:
 
 
 def change(layer: str) -> str:
-    """What the newest reading changed, over the map.
-
-    Its name comes after that of the cells: the viewer lays encoded pictures by name.
-    """
+    """What the newest reading changed, over the map."""
     return f"{layer_root(layer)}/what_changed"
 
 
@@ -240,6 +239,7 @@ def probe_mark(number: int) -> str:
     return f"{PROBE_MARKS}/{number}"
 
 
+@functools.lru_cache(maxsize=256)
 def part(name: str) -> str:
     """A name as one part of an entity's path."""
     return re.sub(r"([^\w.-])", r"\\\1", name)

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import functools
 import math
-import struct
-import zlib
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,15 +50,11 @@ def strength_classes(
 
     0 where nothing is ``said``; 1 to 6 emptier, 7 to 12 fuller, each by rising strength.
     """
-    cells = difference[said]
-    strength = np.abs(cells)
-    level = np.zeros(cells.shape, np.uint8)
-    for low in STRENGTHS:
-        level += strength >= low
-    level[cells > 0] += _LEVELS
-    classes = np.zeros(difference.shape, np.uint8)
-    classes[said] = level
-    return classes
+    from mapping.kernels import recording
+
+    edges = np.array(STRENGTHS, difference.dtype)
+    classes: NDArray[np.uint8] = recording.strength_classes(difference.ravel(), said.ravel(), edges)
+    return classes.reshape(difference.shape)
 
 
 def strength_names() -> list[Named]:
@@ -73,38 +67,10 @@ def strength_names() -> list[Named]:
         for level in range(_LEVELS):
             low, high = STRENGTHS[level], (*STRENGTHS, 0.5)[level + 1]
             text = f"{word} by {100 * low:g} to {100 * high:g} points"
-            alpha = 115 + 120 * level // (_LEVELS - 1)
+            # The viewer darkens what it lets the map shine through: nothing is very clear.
+            alpha = 170 + 70 * level // (_LEVELS - 1)
             named.append((first + level, text, (*colour[:3], alpha)))
     return named
-
-
-def strength_png(classes: NDArray[np.uint8]) -> bytes:
-    """Classes (rows, cols) of :func:`strength_classes` as a PNG in their colours.
-
-    Two cells share a byte, which the viewer undoes; a picture library would take three times as
-    long and half as much room again, twice for each reading.
-    """
-    rows, cols = classes.shape
-    lines = np.zeros((rows, 1 + (cols + 1) // 2), np.uint8)  # each begins with "no filter"
-    lines[:, 1:] = classes[:, ::2] << 4
-    lines[:, 1 : 1 + cols // 2] |= classes[:, 1::2]
-    head = struct.pack(">IIBBBBB", cols, rows, 4, 3, 0, 0, 0)
-    return b"".join([
-        b"\x89PNG\r\n\x1a\n", _chunk(b"IHDR", head), *_palette(),
-        _chunk(b"IDAT", zlib.compress(lines.tobytes(), 6)), _chunk(b"IEND", b""),
-    ])  # fmt: skip
-
-
-@functools.cache
-def _palette() -> tuple[bytes, bytes]:
-    colours = [colour for _, _, colour in strength_names()]
-    solid = bytes(channel for colour in colours for channel in colour[:3])
-    return _chunk(b"PLTE", solid), _chunk(b"tRNS", bytes(colour[3] for colour in colours))
-
-
-def _chunk(name: bytes, data: bytes) -> bytes:
-    checksum = zlib.crc32(name + data)
-    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", checksum)
 
 
 def beam_outline(beam: Beam) -> list[NDArray[np.float64]]:
@@ -118,12 +84,23 @@ def beam_outline(beam: Beam) -> list[NDArray[np.float64]]:
     if len(beam.ranges_m) > 1:
         ends = origin + _polar(ranges, beam.headings_rad)
         return [np.vstack([origin, ends, origin])]
-    low, high = beam.spread_rad
-    steps = max(2, math.ceil(math.degrees(high - low) / 3) + 1)
-    angles = np.linspace(low, high, steps) + beam.world_from_sensor.heading_rad
-    arc = origin + _polar(np.full(steps, float(ranges[0])), angles)
+    arc = origin + float(ranges[0]) * _arc(*beam.spread_rad) @ _turned(beam)
     axis = origin + _polar(ranges, beam.headings_rad)
     return [np.vstack([origin, arc, origin]), np.vstack([origin, axis])]
+
+
+@functools.lru_cache(maxsize=64)
+def _arc(low_rad: float, high_rad: float) -> NDArray[np.float64]:
+    """Unit vectors (N, 2) from one direction to another, close enough to look round."""
+    steps = max(2, math.ceil(math.degrees(high_rad - low_rad) / 3) + 1)
+    return _polar(np.ones(steps), np.linspace(low_rad, high_rad, steps))
+
+
+def _turned(beam: Beam) -> NDArray[np.float64]:
+    """What turns row vectors as the sensor stands, (2, 2)."""
+    heading = beam.world_from_sensor.heading_rad
+    c, s = math.cos(heading), math.sin(heading)
+    return np.array([[c, s], [-s, c]])
 
 
 def _polar(ranges_m: NDArray[np.float64], angles_rad: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -13,7 +13,7 @@ from mapping.grid import Window
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.columns import NOTHING, BeamRecord, Patch
-from replay.rrd.pictures import beam_outline, strength_classes, strength_png
+from replay.rrd.pictures import beam_outline, strength_classes
 
 _ARROW_SHARE = 0.05  # of the grid's diagonal: long enough to be seen, whatever the grid
 _NO_STRIPS: list[NDArray[np.float64]] = []
@@ -64,8 +64,8 @@ def draw_change(canvas: Canvas, merged: MergedGrid) -> None:
 
 def _draw_patch(canvas: Canvas, entity: str, window: Window, classes: NDArray[np.uint8]) -> None:
     corner = layout.corner_m(canvas.geometry, window)
-    patch = Patch(corner, canvas.geometry.resolution_m, strength_png(classes))
-    canvas.add_for_now(entity, columns.patches, patch, NOTHING, len(patch.png))
+    patch = Patch(corner, canvas.geometry.resolution_m, classes)
+    canvas.add_for_now(entity, columns.patches, patch, NOTHING, classes.nbytes)
 
 
 def _draw_range(canvas: Canvas, beam: Beam) -> None:

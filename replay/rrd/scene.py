@@ -17,7 +17,7 @@ from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.columns import image_format
 from replay.rrd.layout import Colour, Tiling
-from replay.rrd.pictures import Named, percent_names
+from replay.rrd.pictures import Named, percent_names, strength_names
 from replay.rrd.words import LEGEND
 
 _MARKDOWN = "text/markdown"
@@ -59,8 +59,9 @@ def set_up_story(recording: rr.RecordingStream, entity: str) -> None:
 def set_up_layer(recording: rr.RecordingStream, layer: str, colour: Colour) -> None:
     """The styles of one layer's overlays and lines; its sensor's things are in ``colour``."""
     for patch in (layout.temp(layer), layout.change(layer)):
-        _static(recording, patch, rr.EncodedImage.from_fields(
-            media_type="image/png", opacity=0.999, draw_order=layout.ORDER_PATCH
+        _colour_table(recording, patch, strength_names())
+        _static(recording, patch, rr.SegmentationImage.from_fields(
+            opacity=0.999, draw_order=layout.ORDER_PATCH
         ))  # fmt: skip
     _colour_table(recording, layout.merged(layer), percent_names())
     occupied = [(0, "", (0, 0, 0, 0)), (1, "above the threshold", layout.OCCUPIED)]

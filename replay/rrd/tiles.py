@@ -49,9 +49,7 @@ class LayerTiles:
         self.values: NDArray[np.float32] = np.zeros(shape, np.float32)
         self.picture: NDArray[np.uint8] = np.full(shape, UNSEEN, np.uint8)
         self.observed: NDArray[np.bool_] = np.zeros(shape, bool)
-        self._undrawn: set[Place] = set()
-        self._inexact: set[Place] = set()
-        self._stale: set[Place] = set()
+        self._undrawn, self._inexact, self._stale = (np.zeros(tiling.shape, bool) for _ in range(3))
         self._begun = False
         self._shares, self._largest = False, 0.0
         self._seen = Window(0, 0, 0, 0)
@@ -85,12 +83,10 @@ class LayerTiles:
     ) -> None:
         """Take the window's new values; arrays cover the window."""
         part = window.slices
-        # Compared as bits: NaN equals itself, and 0.0 is not -0.0.
         new = np.ascontiguousarray(values, np.float32)
-        changed = new.view(np.uint32) != self.values[part].view(np.uint32)
-        self._inexact |= self._tiles_of(changed, window)
         before = self.values[part].max(initial=0.0) if self._shares else 0.0
-        self.values[part] = new
+        # Compared as bits: NaN equals itself, and 0.0 is not -0.0.
+        self._take(self.values.view(np.uint32), new.view(np.uint32), window, self._inexact)
         self._redraw(window, percent_classes(probability, self.observed[part]))
         if self._shares:
             self._follow_largest(float(new.max(initial=0.0)), float(before))
@@ -106,23 +102,29 @@ class LayerTiles:
     def take_stale(self) -> list[tuple[Place, NDArray[np.float32]]]:
         """Tiles that the file does not hold whole as they are now: place and a copy."""
         self._inexact |= self._stale
-        self._stale.clear()
+        self._stale[:] = False
         return self.take_inexact()
 
     def told(self) -> None:
         """The file holds all values now, though not as whole tiles."""
         self._stale |= self._inexact
-        self._inexact.clear()
+        self._inexact[:] = False
 
     @property
     def exact(self) -> bool:
         """Whether all values are in the file as they are now."""
-        return self._begun and not self._inexact
+        return self._begun and not self._inexact.any()
 
     def _redraw(self, window: Window, picture: NDArray[np.uint8]) -> None:
-        part = window.slices
-        self._undrawn |= self._tiles_of(picture != self.picture[part], window)
-        self.picture[part] = picture
+        self._take(self.picture, picture, window, self._undrawn)
+
+    def _take(
+        self, grid: NDArray[T], new: NDArray[T], window: Window, differing: NDArray[np.bool_]
+    ) -> None:
+        """Write a window's new numbers into a grid; mark the tiles where one became another."""
+        from mapping.kernels.recording import take
+
+        take(grid, new, window.row0, window.col0, self.tiling.side, differing)
 
     def _follow_largest(self, now: float, before: float) -> None:
         """Draw all cells anew when the largest value of the whole map is another one."""
@@ -140,15 +142,6 @@ class LayerTiles:
     def _cut(self, grid: NDArray[T], place: Place) -> NDArray[T]:
         return grid[self.tiling.window(*place).slices].copy()
 
-    def _tiles_of(self, changed: NDArray[np.bool_], window: Window) -> set[Place]:
-        side, found = self.tiling.side, set()
-        for row in range(window.row0 // side, -(-(window.row0 + window.rows) // side)):
-            rows = slice(max(row * side - window.row0, 0), (row + 1) * side - window.row0)
-            band = changed[rows].any(axis=0)
-            cols = np.flatnonzero(band)
-            found |= {(row, int(col)) for col in np.unique((cols + window.col0) // side)}
-        return found
-
 
 def _around(one: Window, other: Window) -> Window:
     """The smallest window that holds both."""
@@ -160,7 +153,8 @@ def _around(one: Window, other: Window) -> Window:
     return Window(row0, col0, row1 - row0, col1 - col0)
 
 
-def _emptied(places: set[Place]) -> list[Place]:
-    taken = sorted(places)
-    places.clear()
-    return taken
+def _emptied(marked: NDArray[np.bool_]) -> list[Place]:
+    """The marked places, row by row; none is marked any more."""
+    rows, cols = np.nonzero(marked)
+    marked[:] = False
+    return list(zip(rows.tolist(), cols.tolist(), strict=True))

@@ -1,8 +1,9 @@
 """The viewer in a browser of this machine: a server that keeps everything here.
 
 The viewer's own server hands out the page and the recording. Ours stands before the page and adds
-one header, by which the browser refuses to talk to anything but 127.0.0.1: no usage statistics, no
-fonts from elsewhere. Both end with the context.
+one header, by which the browser refuses to load anything but from 127.0.0.1: no usage statistics.
+It also takes out the page's mention of fonts from elsewhere: a browser opens connections to what is
+named as "preconnect", whatever the header says. Both end with the context.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import http.client
 import http.server
+import re
 import threading
 import urllib.parse
 from http import HTTPStatus
@@ -22,6 +24,9 @@ from replay.rrd.viewer_process import ViewerProcess
 POLICY = (
     "default-src 'self' data: blob: 'unsafe-inline' 'unsafe-eval'; "
     f"connect-src 'self' data: blob: http://{LOCAL}:*; worker-src 'self' blob:"
+)
+_ELSEWHERE = re.compile(  # in the page: links, and style sheets that a style sheet asks for
+    rb"""<link\b[^>]*\bhref\s*=\s*["']?(?:https?:)?//[^>]*>|@import\b[^;]*//[^;]*;""", re.IGNORECASE
 )
 
 
@@ -97,6 +102,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             return
         finally:
             behind.close()
+        if (answer.getheader("Content-Type") or "").startswith("text/html"):
+            body = _ELSEWHERE.sub(b"", body)
         self.send_response(answer.status)
         for name in ("Content-Type", "rerun-final-length"):
             if value := answer.getheader(name):

@@ -130,45 +130,46 @@ def _what_it_means(beam: Beam) -> str:
 
 
 def _temp(temp: TempGrid) -> str:
-    if temp.window.empty or not (temp.band | temp.front).any():
+    from mapping.kernels.recording import said_of
+
+    in_band, most, in_front, least = said_of(temp.probability, temp.front, temp.band)
+    if not in_band and not in_front:
         return f"## Reading {temp.beam.number} says nothing\n\nIt touches no cell of the map."
     lines = [f"## What reading {temp.beam.number} says of each cell\n"]
-    if temp.band.any():
-        band = temp.probability[temp.band]
+    if in_band:
         lines.append(
-            f"- **Red, {temp.band.sum():,} cells**: the obstacle may be here. Probability of being "
-            f"occupied up to {percent(band.max())}."
+            f"- **Red, {in_band:,} cells**: the obstacle may be here. Probability of being "
+            f"occupied up to {percent(most)}."
         )
     else:
         lines.append("- No red cells: nothing was seen.")
-    if temp.front.any():
-        front = temp.probability[temp.front]
+    if in_front:
         lines.append(
-            f"- **Blue, {temp.front.sum():,} cells**: the beam passed through them, so they are "
-            f"rather free. Probability down to {percent(front.min())}."
+            f"- **Blue, {in_front:,} cells**: the beam passed through them, so they are "
+            f"rather free. Probability down to {percent(least)}."
         )
     lines.append("- All other cells: 50 %, this reading says nothing of them.")
     return "\n".join(lines)
 
 
 def _merged(merged: MergedGrid) -> str:
+    from mapping.kernels.recording import changes_of
+
     head = f"## Reading {merged.beam.number} goes into the map {merged.layer}\n\n"
     before, after = merged.previous, merged.probability
-    changed = after != before
+    changed, fuller, emptier, most, above, below = changes_of(before.ravel(), after.ravel())
     rule = f"Rule: **{merged.rule}**."
-    if not changed.any():
+    if not changed:
         return f"{head}{rule} No cell changed."
-    difference = np.where(changed, after - before, np.float32(0))
-    row, col = np.unravel_index(int(np.argmax(np.abs(difference))), difference.shape)
-    fuller, emptier = int((difference > 0).sum()), int((difference < 0).sum())
-    x, y = _centre(merged.geometry, merged.window, int(row), int(col))
+    row, col = divmod(most, merged.window.cols)
+    x, y = _centre(merged.geometry, merged.window, row, col)
     return (
-        f"{head}{rule} **{int(changed.sum()):,} cells changed**: {fuller:,} fuller, "
+        f"{head}{rule} **{changed:,} cells changed**: {fuller:,} fuller, "
         f"{emptier:,} emptier.\n\nThe largest change: the cell at ({x:.3f}, {y:.3f}) m (row "
         f"{row + merged.window.row0}, column {col + merged.window.col0}) went from "
         f"{percent(before[row, col])} to **{percent(after[row, col])}**.\n\n"
-        f"Of the {after.size:,} cells around this beam, {int((after > 0.5).sum()):,} are now "
-        f"rather occupied and {int((after < 0.5).sum()):,} rather free."
+        f"Of the {after.size:,} cells around this beam, {above:,} are now "
+        f"rather occupied and {below:,} rather free."
     )
 
 

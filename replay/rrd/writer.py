@@ -42,7 +42,7 @@ from replay.rrd.results import Results
 from replay.rrd.thinning import Thinning
 
 APPLICATION = "echogrid"
-_BUFFER_BYTES = 48_000_000  # rows wait in memory up to this size
+_BUFFER_BYTES = 96_000_000  # rows wait in memory up to this size
 _DISK_MARGIN_BYTES = 1_000_000
 _FLUSH_S = 120.0  # far longer than any disk takes
 _INDEX_COST = 1600  # bytes of the file's own index at its end for each chunk, roughly

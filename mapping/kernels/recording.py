@@ -1,0 +1,98 @@
+"""What a recording draws and says of each reading: one pass over its window instead of many."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Bytes = NDArray[np.uint8]
+
+
+@njit(cache=True, error_model="numpy")
+def take(
+    all_cells: NDArray[Any], cells: NDArray[Any], row0: int, col0: int, side: int,
+    tile_differs: Flags,
+) -> None:  # fmt: skip
+    """Write a window's new numbers over those of the grid, whose first cell there is (row0, col0).
+
+    Marks the tiles of ``side`` cells in which one became another.
+    """
+    rows, cols = cells.shape
+    for row in range(rows):
+        start = 0
+        while start < cols:
+            tile = (col0 + start) // side
+            end = min(cols, (tile + 1) * side - col0)
+            differs = False
+            for col in range(start, end):
+                new = cells[row, col]
+                differs |= all_cells[row0 + row, col0 + col] != new
+                all_cells[row0 + row, col0 + col] = new
+            if differs:
+                tile_differs[(row0 + row) // side, tile] = True
+            start = end
+
+
+@njit(cache=True, error_model="numpy")
+def strength_classes(difference: NDArray[Any], said: Flags, edges: NDArray[Any]) -> Bytes:
+    """How many edges a difference (N,) reaches, more by as many where it is positive; 0: unsaid.
+
+    The edges are of the same type as the differences.
+    """
+    classes = np.zeros(difference.size, np.uint8)
+    for k in range(difference.size):
+        if not said[k]:
+            continue
+        level, strength = 0, abs(difference[k])
+        for edge in edges:
+            level += strength >= edge
+        classes[k] = level + (edges.size if difference[k] > 0 else 0)
+    return classes
+
+
+@njit(cache=True, error_model="numpy")
+def said_of(
+    probability: Floats, front: Flags, band: Flags
+) -> tuple[int, float, int, float]:  # fmt: skip
+    """Cells in the band and the most that is said of them; those in front, and the least."""
+    in_band = in_front = 0
+    most, least = 0.0, 1.0
+    rows, cols = probability.shape
+    for row in range(rows):
+        for col in range(cols):
+            if band[row, col]:
+                in_band += 1
+                most = max(most, probability[row, col])
+            if front[row, col]:
+                in_front += 1
+                least = min(least, probability[row, col])
+    return in_band, most, in_front, least
+
+
+@njit(cache=True, error_model="numpy")
+def changes_of(before: Singles, after: Singles) -> tuple[int, int, int, int, int, int]:
+    """How many cells (N,) changed, became fuller, emptier; which one most, the first of several.
+
+    Then how many are above a half now, and below.
+    """
+    changed = fuller = emptier = above = below = 0
+    most, largest = 0, np.float32(-1.0)
+    for k in range(after.size):
+        now = after[k]
+        above += now > 0.5
+        below += now < 0.5
+        if now == before[k]:
+            continue
+        changed += 1
+        difference = now - before[k]
+        fuller += difference > 0
+        emptier += difference < 0
+        if abs(difference) > largest:
+            most, largest = k, abs(difference)
+    return changed, fuller, emptier, most, above, below
