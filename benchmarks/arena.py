@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.optimize import differential_evolution
 
 NEAR_M = 0.04
-OUTER_PERCENT = 2.0  # cells left out on each side: stray readings that missed a wall
+OUTER_PERCENTS = (2.0, 1.0)  # cells left out on each side: stray readings that missed a wall
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Arena:
     size_m: tuple[float, float]
     turned_deg: float
     share_near: float
-    extent_m: tuple[float, float]  # all but the outermost 2 % of cells on each side
+    extents_m: tuple[tuple[float, float], ...]  # without the outermost 2 and 1 % of each side
 
 
 def occupied_points(npz: Path, threshold: float) -> NDArray[np.float64]:
@@ -41,7 +41,7 @@ def occupied_points(npz: Path, threshold: float) -> NDArray[np.float64]:
 def fit_arena(points_m: NDArray[np.float64], seed: int = 0) -> Arena:
     """The rectangle whose four walls have the largest share of the points within 4 cm."""
     centre = points_m.mean(axis=0)
-    extent = _extent(points_m - centre)
+    extent = _extent(points_m - centre, OUTER_PERCENTS[0])
 
     def in_frame(turn_rad: float) -> NDArray[np.float64]:
         c, s = np.cos(turn_rad), np.sin(turn_rad)
@@ -60,15 +60,16 @@ def fit_arena(points_m: NDArray[np.float64], seed: int = 0) -> Arena:
     bounds = [(-0.2, 0.2)] + [(-0.3 * v, 0.3 * v) for v in extent]
     bounds += [(0.8 * v, 1.1 * v) for v in extent]
     best = differential_evolution(lambda x: -share(x), bounds, seed=seed, popsize=30, maxiter=300)
-    extent = _extent(in_frame(best.x[0]))
+    placed = in_frame(best.x[0])
+    extents = [_extent(placed, percent) for percent in OUTER_PERCENTS]
     return Arena(
         (float(best.x[3]), float(best.x[4])), float(np.degrees(best.x[0])), -float(best.fun),
-        (float(extent[0]), float(extent[1])),
+        tuple((float(x), float(y)) for x, y in extents),
     )  # fmt: skip
 
 
-def _extent(points_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    low, high = np.percentile(points_m, [OUTER_PERCENT, 100 - OUTER_PERCENT], axis=0)
+def _extent(points_m: NDArray[np.float64], percent: float) -> NDArray[np.float64]:
+    low, high = np.percentile(points_m, [percent, 100 - percent], axis=0)
     return high - low
 
 
@@ -83,7 +84,8 @@ def main() -> None:
     print(f"{len(points)} occupied cells")
     print(f"walls {arena.size_m[0]:.3f} x {arena.size_m[1]:.3f} m, {arena.turned_deg:.1f} degrees")
     print(f"within 4 cm of a wall: {100 * arena.share_near:.1f} %")
-    print(f"occupied extent (2..98 %): {arena.extent_m[0]:.3f} x {arena.extent_m[1]:.3f} m")
+    for percent, (width_m, height_m) in zip(OUTER_PERCENTS, arena.extents_m, strict=True):
+        print(f"all but the outermost {percent:g} %: {width_m:.3f} x {height_m:.3f} m")
 
 
 if __name__ == "__main__":

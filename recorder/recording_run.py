@@ -83,6 +83,13 @@ def record_line(
         link.close()
 
 
+def recorded_input(source: str) -> tuple[Path, ...]:
+    """The session that a source plays again, if it does."""
+    if not source.startswith(REPLAYED):
+        return ()
+    return (Path(source.removeprefix(REPLAYED)),)
+
+
 @contextmanager
 def opened_source(
     source: str, options: RecordingOptions, *, seed: int = 0, speed: float = 1.0

@@ -13,7 +13,8 @@ from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.beams import Beam
 from mapping.config_text import commented_toml
 from mapping.pipeline import build_maps
-from recorder.errors import BadInput, OutputExists
+from recorder.errors import BadInput
+from recorder.outputs import check_output
 from recorder.session import Session, read_session
 from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, in_step
@@ -49,8 +50,8 @@ def compare_session(
     All maps go into one recording; each one's files into a folder of its name below ``export``.
     ``progress(reading, readings)`` is called now and then. Raises an EchogridError in one line.
     """
-    if rrd is not None and rrd.exists() and not force:
-        raise OutputExists(rrd)
+    if rrd is not None:
+        check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
     runs = {each.name: _begun(session, each) for each in variants}
     kept: dict[str, list[Artifact]] = {each.name: [] for each in variants}
@@ -115,7 +116,7 @@ def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> Compari
     return ComparisonWriter(
         rrd, variants, name=name,
         every=max(each.config.rerun.every for each in variants),
-        budget_mb=min(each.config.rerun.budget_mb for each in variants),
+        budget_mb=_budget_mb(variants),
     )  # fmt: skip
 
 
@@ -137,3 +138,10 @@ def _result(kept: Sequence[Artifact], damage: tuple[str, ...], left_out: str) ->
         damage,
         left_out,
     )
+
+
+def _budget_mb(variants: Sequence[Variant]) -> float:
+    """What the file may take: as much as was asked for, or for each map its usual share."""
+    sections = [each.config.rerun for each in variants]
+    asked = [each.budget_mb for each in sections if "budget_mb" in each.model_fields_set]
+    return min(asked) if asked else sum(each.budget_mb for each in sections)

@@ -15,7 +15,7 @@ from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
-from recorder.errors import OutputExists
+from recorder.outputs import check_output
 from recorder.session import WALLS, Session, read_session
 from replay.exports import Exporter
 
@@ -50,8 +50,8 @@ def map_session(
     ``probes`` are points of the map (metres) whose cells are followed.
     ``progress(reading, readings)`` is called now and then. Raises an EchogridError in one line.
     """
-    if rrd is not None and rrd.exists() and not force:
-        raise OutputExists(rrd)
+    if rrd is not None:
+        check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
     text = commented_toml(config)
     artifacts = build_maps(session.messages(), config, walls_m=true_walls(session))

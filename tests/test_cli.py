@@ -123,3 +123,28 @@ def test_parts_of_a_session_are_mapped_as_one(
     said_of_whole = capsys.readouterr().out
     assert main(["map", *files, *coarse]) == 0
     assert capsys.readouterr().out == said_of_whole
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["map", "{s}", "-o", "{s}", "--force"],
+        ["map", "{s}", "-o", "{other}", "--force"],
+        ["map", "{s}", "{other}", "-o", "{other}", "--compare", "rules", "--force"],
+        ["record", "replay:{s}", "-o", "{s}", "--duration", "1", "--force"],
+        ["import", "{s}", "-o", "{s}", "--format", "comp4807", "--force"],
+        ["diff", "{rrd}", "{s}", "-o", "{rrd}", "--force"],
+        ["recover", "{s}", "-o", "{s}", "--force"],
+    ],
+)
+def test_an_input_is_never_replaced(
+    arguments: list[str], session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mine, other, rrd = tmp_path / "s.mcap", tmp_path / "other.mcap", tmp_path / "m.rrd"
+    for path in (mine, other, rrd):
+        path.write_bytes(session.read_bytes())
+    names = {"s": mine, "other": other, "rrd": rrd}
+    assert main([argument.format(**names) for argument in arguments]) == 2
+    one_line(capsys)
+    for path in (mine, other, rrd):
+        assert path.read_bytes() == session.read_bytes()

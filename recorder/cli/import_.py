@@ -23,12 +23,12 @@ def import_(
     columns: str | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Turn other people's logs into a session."""
-    from recorder.errors import BadInput, OutputExists
+    from recorder.errors import BadInput
     from recorder.importers import IMPORTERS, guess_format
+    from recorder.outputs import check_output
     from recorder.session import SessionWriter
 
-    if output.exists() and not force:
-        raise OutputExists(output)
+    check_output(output, files, force=force)
     if len(files) > 1:
         raise BadInput("one file at a time for this format")
     name = form or guess_format(files[0])

@@ -95,11 +95,10 @@ def prepared(
     Raises OutputExists, and BadInput for options that make no sense.
     """
     from recorder.controls import Controls, keys, signals
-    from recorder.errors import OutputExists
-    from recorder.recording_run import opened_source
+    from recorder.outputs import check_output
+    from recorder.recording_run import opened_source, recorded_input
 
-    if output.exists() and not force:
-        raise OutputExists(output)
+    check_output(output, recorded_input(source), force=force)
     options = _options_of(choices, force=force)
     controls = Controls()
     if choices["pause"]:

@@ -56,7 +56,7 @@ def diff(
     from mapping.plugins import load_plugin
     from replay.diff.comparing import compare
 
-    _check_output(output, force=force)
+    _check_output(output, (a, b), force=force)
     for plugin in plugins:
         load_plugin(plugin)
     config = load_config(configs, settings, preset) if configs or settings or preset else None
@@ -75,15 +75,15 @@ def diff(
     return 1 if report.differs or report.a.damaged or report.b.damaged else 0
 
 
-def _check_output(output: Path | None, *, force: bool) -> None:
-    from recorder.errors import BadInput, OutputExists
+def _check_output(output: Path | None, inputs: tuple[Path, ...], *, force: bool) -> None:
+    from recorder.errors import BadInput
+    from recorder.outputs import check_output
 
     if output is None:
         return
     if output.suffix.lower() not in (".png", ".rrd"):
         raise BadInput(f"{output}: a comparison is written as .png or .rrd")
-    if output.exists() and not force:
-        raise OutputExists(output)
+    check_output(output, inputs, force=force)
 
 
 def _tell(report: Report, *, as_json: bool, quiet: bool) -> None:

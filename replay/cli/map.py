@@ -65,6 +65,8 @@ def map_(
     if rrd_budget_mb is not None:
         extra.append(f"rerun.budget_mb={rrd_budget_mb}")
     rrd = None if output == "-" else Path(output)
+    if rrd is not None and rrd.suffix == ".mcap":
+        raise BadInput(f"{rrd}: the map is written as an .rrd recording, not as a session")
     session, *more = sessions
     if compare is not None or len(configs) > 1:
         variants = _variants(configs, compare, extra, preset)
