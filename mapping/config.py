@@ -159,7 +159,7 @@ def load_config(
     data: dict[str, Any] = {}
     if preset is not None:
         if preset not in PRESETS:
-            raise BadInput(f"unknown preset {preset!r}{_nearest(preset, PRESETS)}")
+            raise BadInput(f"unknown preset {preset!r}; known: {', '.join(PRESETS)}")
         data = _merged(data, PRESETS[preset])
     for file in files:
         data = _merged(data, _read_toml(file))
@@ -213,8 +213,19 @@ def _in_one_line(error: ValidationError) -> str:
     first = error.errors()[0]
     path = [str(part) for part in first["loc"]]
     if first["type"] == "extra_forbidden":
-        return f"unknown key {'.'.join(path)}{_nearest(path[-1], _known_keys(path[:-1]))}"
+        return f"unknown key {'.'.join(path)}{_nearest_key(path)}"
     return f"{'.'.join(path)}: {first['msg'].lower()} (not {first['input']!r})"
+
+
+def _nearest_key(path: list[str]) -> str:
+    """A key of another section, where the name is right and its section was left out."""
+    if len(path) == 1:
+        sections = {name: _known_keys([name]) for name in MappingConfig.model_fields}
+        sections["sensors.*"] = sections.pop("sensors")
+        homes = [f"{name}.{path[0]}" for name, keys in sections.items() if path[0] in keys]
+        if homes:
+            return f"; did you mean {' or '.join(homes)}?"
+    return _nearest(path[-1], _known_keys(path[:-1]))
 
 
 def _known_keys(path: list[str]) -> list[str]:

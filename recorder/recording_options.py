@@ -42,7 +42,9 @@ class RecordingOptions:
 
 def parse_wheels(text: str) -> WheelGeometry:
     """``RADIUS_M,TRACK_M,COUNTS_PER_TURN`` → geometry. Raises BadInput in one line."""
-    radius_m, track_m, counts_per_turn = _numbers(text, 3, "--wheels RADIUS_M,TRACK_M,COUNTS")
+    radius_m, track_m, counts_per_turn = _numbers(
+        text, f"--wheels {text}", "--wheels RADIUS_M,TRACK_M,COUNTS"
+    )
     if min(radius_m, track_m, counts_per_turn) <= 0.0:
         raise BadInput(f"--wheels {text}: all three must be above zero")
     return WheelGeometry(counts_per_turn / (2.0 * math.pi * radius_m), track_m)
@@ -57,9 +59,11 @@ def parse_mount(text: str) -> Transform:
     frames, separator, numbers = text.partition("=")
     name, _, parent = frames.partition("@")
     parent = parent or BASE_FRAME
-    if not separator or not _FRAME.fullmatch(name) or not _FRAME.fullmatch(parent):
+    if not separator:
         raise BadInput(f"--mount {text}: {wanted} is wanted")
-    x_m, y_m, yaw_deg = _numbers(numbers, 3, wanted)
+    for each in (name, parent):
+        _check_name(each, f"--mount {text}")
+    x_m, y_m, yaw_deg = _numbers(numbers, f"--mount {text}", wanted)
     return Transform(0, parent, name, SE2(x_m, y_m, math.radians(yaw_deg)))
 
 
@@ -70,23 +74,33 @@ def parse_sensor(text: str) -> tuple[str, SensorParameters]:
     """
     wanted = f"--sensor NAME={'|'.join(BUILT_IN_SENSORS)} or NAME=BEAM_DEG,MIN_M,MAX_M[,ir]"
     name, _, what = text.partition("=")
-    if not _FRAME.fullmatch(name) or not what:
+    if not what:
         raise BadInput(f"--sensor {text}: {wanted} is wanted")
+    _check_name(name, f"--sensor {text}")
     if what in BUILT_IN_SENSORS:
         return name, BUILT_IN_SENSORS[what]
     numbers = what.removesuffix(",ir")
     radiation = Radiation.ULTRASOUND if numbers == what else Radiation.INFRARED
-    beam_deg, min_m, max_m = _numbers(numbers, 3, wanted)
+    beam_deg, min_m, max_m = _numbers(numbers, f"--sensor {text}", wanted)
     if not (0.0 < beam_deg <= 360.0 and 0.0 <= min_m < max_m):
         raise BadInput(f"--sensor {text}: no sensor is like that")
     return name, SensorParameters(math.radians(beam_deg), min_m, max_m, radiation)
 
 
-def _numbers(text: str, count: int, wanted: str) -> list[float]:
+def _check_name(name: str, given: str) -> None:
+    if not _FRAME.fullmatch(name):
+        raise BadInput(
+            f"{given}: {name!r} is no name; one begins with a letter and goes on with letters, "
+            "digits and _, 32 at most"
+        )
+
+
+def _numbers(text: str, given: str, wanted: str) -> list[float]:
+    """Three of them; ``given`` is what the user wrote, ``wanted`` what it should be like."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) != count or not all(math.isfinite(number) for number in numbers):
-        raise BadInput(f"{text}: {wanted} is wanted")
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise BadInput(f"{given}: {text!r} is not three numbers; {wanted} is wanted")
     return numbers

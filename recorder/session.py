@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from recorder.errors import BadInput
 from recorder.messages import Message, Record
 from recorder.session_format import WALLS, Damage
 from recorder.session_parts import Limits, PartedWriter
@@ -19,8 +20,11 @@ from recorder.session_writer import SessionWriter
 
 __all__ = [
     "WALLS", "Damage", "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter",
-    "read_session",
+    "looks_like_session", "read_session",
 ]  # fmt: skip
+
+
+_MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +52,15 @@ def read_session(path: Path, *more: Path) -> Session:
     from recorder.session_join import join_sessions
 
     return join_sessions([_read(each) for each in (path, *more)])
+
+
+def looks_like_session(path: Path) -> bool:
+    """Whether a file begins as an MCAP file does. Raises BadInput where it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_MAGIC)) == _MAGIC
+    except OSError as error:
+        raise BadInput(f"{path}: {error.strerror or error}") from None
 
 
 def _read(path: Path) -> Session:

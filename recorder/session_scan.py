@@ -159,6 +159,8 @@ class SessionScan:
 
     def _check_magic(self) -> None:
         magic = self._file.read(len(MAGIC))
+        if not magic:
+            raise BadInput("an empty file, not a session")
         self._data_crc = zlib.crc32(magic)
         self._sure = len(MAGIC)
         if magic == MAGIC:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import datetime
-import json
 from collections.abc import Callable, Iterator, Mapping
 
 from recorder.oddities import oddities
@@ -29,7 +28,7 @@ def summary_lines(
         survey.take(record)
         if progress is not None and number % _PROGRESS_EVERY == 0:
             progress(reader.position)
-    yield f"{reader.path.name}: {reader.messages} messages{_when(survey)}"
+    yield f"{reader.path.name}: {counted(reader.messages, 'message')}{_when(survey)}"
     for channel in sorted(reader.channels.values(), key=lambda c: c.topic):
         text = f"{channel.messages:7}"
         if channel.understood:
@@ -39,13 +38,19 @@ def summary_lines(
             yield f"  {channel.topic:20} {text}  not understood ({kind})"
     yield from _metadata(reader.metadata)
     for name, data in reader.attachments.items():
-        yield f"  attachment {name}, {len(data)} bytes"
+        yield f"  attachment {name}, {counted(len(data), 'byte')}"
     yield from _parts(reader)
     for finding in oddities(survey, reader.metadata):
         yield f"  odd: {finding}"
     if reader.unverified:
-        yield f"  odd: no checksum covers {reader.unverified} messages (another program's file)"
+        unverified = counted(reader.unverified, "message")
+        yield f"  odd: no checksum covers {unverified} (another program's file)"
     yield from (f"  lost: {reason}" for reason in reader.damage)
+
+
+def counted(number: int, thing: str) -> str:
+    """``1 message``, ``2 messages``."""
+    return f"{number} {thing}{'s' * (number != 1)}"
 
 
 def _when(survey: Survey) -> str:
@@ -107,10 +112,27 @@ def _metadata(metadata: Mapping[str, object]) -> Iterator[str]:
             yield f"  recovered from {value.get('from')}, where was lost:"
             lost = value.get("lost", [])
             yield from (f"    {line}" for line in (lost if isinstance(lost, list) else [lost]))
+        elif isinstance(value, Mapping) and any(isinstance(v, Mapping) for v in value.values()):
+            yield from (f"  {key}.{name} = {_said(inner)}" for name, inner in value.items())
         elif key != PART:
-            text = value if isinstance(value, str) else json.dumps(value)
-            shown = text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
-            yield f"  {key} = {shown}"
+            yield f"  {key} = {_said(value)}"
+
+
+def _said(value: object) -> str:
+    """A value of the metadata for people: ``echogrid 0.1.0, python 3.11``; nothing is ``none``."""
+    match value:
+        case Mapping():
+            text = ", ".join(f"{name} {_said(inner)}" for name, inner in value.items())
+        case list() | tuple():
+            text = ", ".join(_said(inner) for inner in value)
+        case bool():
+            text = "yes" if value else "no"
+        case None:
+            text = ""
+        case _:
+            text = str(value)
+    shown = text if len(text) <= _LONGEST_VALUE else f"{text[:_LONGEST_VALUE]}..."
+    return shown or "none"
 
 
 def _parts(reader: SessionReader) -> Iterator[str]:

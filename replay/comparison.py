@@ -86,7 +86,7 @@ def _key_and_values(compare: str) -> tuple[str, list[str]]:
     }
     key, equals, text = compare.partition("=")
     if not equals:
-        return choose(known, compare, "comparison")
+        return _shorthand(known, compare)
     values = [value.strip() for value in _COMMAS.split(text) if value.strip()]
     tables: dict[str, tuple[Mapping[str, object], str]]
     tables = {"update": (UPDATE_RULES, "update rule"), "model": (SENSOR_MODELS, "sensor model")}
@@ -95,6 +95,19 @@ def _key_and_values(compare: str) -> tuple[str, list[str]]:
         for value in values:
             choose(table, value, what)
     return key.strip(), values
+
+
+def _shorthand(known: Mapping[str, tuple[str, list[str]]], compare: str) -> tuple[str, list[str]]:
+    """The key and values of a word. Raises BadInput, with the key that is missing if it can."""
+    words = [word.strip() for word in compare.split(",")]
+    if len(words) == 1:
+        try:
+            return choose(known, compare, "comparison")
+        except BadInput as error:
+            raise BadInput(f"{error}, or A.B=C,D with values of one key") from None
+    keys = [key for key, values in known.values() if set(words) <= set(values)]
+    meant = f"{keys[0]}={compare}" if keys else f"A.B={compare}"
+    raise BadInput(f"--compare {compare}: values of which key? Write --compare {meant}")
 
 
 def _keys(key: str, base: MappingConfig) -> list[str]:

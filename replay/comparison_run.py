@@ -19,7 +19,7 @@ from recorder.session import Session, read_session
 from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, in_step
 from replay.exports import Exporter
-from replay.mapping_run import RunResult, true_walls
+from replay.mapping_run import RunResult, reading_count, true_walls
 
 if TYPE_CHECKING:
     from replay.rrd.comparison import ComparisonWriter
@@ -55,7 +55,7 @@ def compare_session(
     session = read_session(path, *more)
     runs = {each.name: _begun(session, each) for each in variants}
     kept: dict[str, list[Artifact]] = {each.name: [] for each in variants}
-    readings, distances = 0, Distances()
+    readings, total, distances = 0, reading_count(session), Distances()
     with ExitStack() as stack:
         exporters = _exporters(variants, export, force=force)
         writer = _writer(variants, rrd, path.name)
@@ -72,7 +72,9 @@ def compare_session(
             distances.take(moment)
             readings += _is_reading(moment)
             if progress is not None and readings % _PROGRESS_EVERY == 0 and _is_reading(moment):
-                progress(readings, len(session.records))
+                progress(readings, total)
+        if progress is not None:
+            progress(total, total)
     for exporter in exporters.values():
         exporter.close()
     left_out = "" if writer is None else writer.left_out

@@ -8,19 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.artifacts import Snapshot
+from mapping.artifacts import Segment, Snapshot
 from mapping.fusion import FUSED
 from mapping.grid import GridGeometry, Layer
 
 NEVER_SEEN, FREE, UNDECIDED, OCCUPIED = range(4)
+_REFERENCE = "bayes"  # the rule that the others are held against, where it takes part
+_NEVER_EMPTY = ("binary", "count", "sum", "himm")  # nothing lies below what was never hit
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One finished layer: its cells by what they are taken for, and how far it is from the first.
+    """One finished layer: its cells by what they are taken for, and how far it is from one of all.
 
     ``differs`` is the share of the cells seen in either map that the two take for different
-    things; None for the first map itself, NaN where nothing was seen.
+    things; None for the map that the others are held against, NaN where nothing was seen.
     """
 
     name: str
@@ -38,22 +40,26 @@ def comparison_lines(
     """A line for each map that has the layer, in their order.
 
     ``thresholds`` are the probabilities above which a cell counts as occupied, by map; as far
-    below 0.5 it counts as free.
+    below 0.5 it counts as free. The others are held against the map of the rule ``bayes``, or
+    against the first where no map is called so.
     """
-    lines: list[Line] = []
-    first: tuple[GridGeometry, NDArray[np.uint8]] | None = None
+    rules: dict[str, str] = {}
+    found: dict[str, tuple[GridGeometry, NDArray[np.uint8]]] = {}
     for name, some in snapshots.items():
         for snapshot in some:
-            if snapshot.layer.name != layer:
-                continue
-            states = states_of(snapshot.layer, thresholds[name])
-            here = (snapshot.layer.geometry, states)
-            count = np.bincount(states.ravel(), minlength=4)
-            lines.append(Line(
-                name, layer, _rules(some, snapshot), int(count[OCCUPIED]), int(count[FREE]),
-                int(count[UNDECIDED]), None if first is None else _differing(first, here),
-            ))  # fmt: skip
-            first = first or here
+            if snapshot.layer.name == layer:
+                states = states_of(snapshot.layer, thresholds[name])
+                found[name] = (snapshot.layer.geometry, states)
+                rules[name] = _rules(some, snapshot)
+    against = _REFERENCE if rules.get(_REFERENCE) == _REFERENCE else next(iter(found), "")
+    lines = []
+    for name, here in found.items():
+        count = np.bincount(here[1].ravel(), minlength=4)
+        differs = None if name == against else _differing(found[against], here)
+        lines.append(Line(
+            name, layer, rules[name], int(count[OCCUPIED]), int(count[FREE]),
+            int(count[UNDECIDED]), differs,
+        ))  # fmt: skip
     return lines
 
 
@@ -98,7 +104,8 @@ def shown_layer(snapshots: Mapping[str, Sequence[Snapshot]]) -> str:
 def table_of(lines: Sequence[Line]) -> list[tuple[str, ...]]:
     """The same as rows of words, a head before them; rules that tell nothing new are left out."""
     rows: list[tuple[str, ...]]
-    rows = [("map", "rule", "occupied", "free", "undecided", f"differs from {lines[0].name}")]
+    against = next(line.name for line in lines if line.differs is None)
+    rows = [("map", "rule", "occupied", "free", "undecided", f"differs from {against}")]
     for line in lines:
         differs = "" if line.differs is None else f"{100 * line.differs:.1f} %"
         counts = (f"{count:,}" for count in (line.occupied, line.free, line.undecided))
@@ -107,3 +114,59 @@ def table_of(lines: Sequence[Line]) -> list[tuple[str, ...]]:
     if named_so or len({line.rule for line in lines}) == 1:
         return [(row[0], *row[2:]) for row in rows]
     return rows
+
+
+def footnotes(lines: Sequence[Line]) -> list[str]:
+    """What must be known to read the table: which maps cannot say that a cell is empty."""
+    used = {rule for line in lines for rule in line.rule.split(", ")}
+    some = [rule for rule in _NEVER_EMPTY if rule in used]
+    if not some:
+        return []
+    verb = "know" if len(some) > 1 else "knows"
+    return [f"{_listed(some)} {verb} no emptiness below zero: free means hardly or never hit"]
+
+
+def same_maps(
+    snapshots: Mapping[str, Sequence[Snapshot]],
+    segments: Mapping[str, Sequence[Segment]],
+    thresholds: Mapping[str, float],
+) -> list[str]:
+    """A sentence for each group of maps that came out the same in every cell and every line."""
+    groups: list[list[str]] = []
+    for name in snapshots:
+        for group in groups:
+            first = group[0]
+            if (
+                thresholds[first] == thresholds[name]
+                and _same_cells(snapshots[first], snapshots[name])
+                and _ends(segments[first]) == _ends(segments[name])
+            ):
+                group.append(name)
+                break
+        else:
+            groups.append([name])
+    return [
+        f"{_listed(group)} are the same map: what was varied changed nothing"
+        for group in groups if len(group) > 1
+    ]  # fmt: skip
+
+
+def _same_cells(one: Sequence[Snapshot], other: Sequence[Snapshot]) -> bool:
+    if len(one) != len(other):
+        return False
+    pairs = [(a.layer, b.layer) for a, b in zip(one, other, strict=True)]
+    return all(
+        (a.name, a.kind, a.geometry) == (b.name, b.kind, b.geometry)
+        and np.array_equal(a.values, b.values, equal_nan=True)
+        and np.array_equal(a.observed, b.observed)
+        for a, b in pairs
+    )
+
+
+def _ends(segments: Sequence[Segment]) -> list[tuple[object, ...]]:
+    return [(s.layer, s.source, s.start_m, s.end_m) for s in segments]
+
+
+def _listed(names: Sequence[str]) -> str:
+    """``a, b and c``."""
+    return " and ".join(part for part in (", ".join(names[:-1]), names[-1]) if part)

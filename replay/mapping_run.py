@@ -15,6 +15,7 @@ from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
+from recorder.messages import Range, Scan
 from recorder.outputs import check_output
 from recorder.session import WALLS, Session, read_session
 from replay.exports import Exporter
@@ -75,7 +76,7 @@ def map_session(
                 RunWriter(rrd, config, config_text=text, name=path.name, probes=watched)
             )
             takers.append(writer)
-        kept = _run(first, artifacts, takers, progress, len(session.records))
+        kept = _run(first, artifacts, takers, progress, reading_count(session))
     if exporter is not None:
         exporter.close()
     snapshots = tuple(a for a in kept if isinstance(a, Snapshot))
@@ -108,7 +109,14 @@ def _run(
         if progress is not None and isinstance(artifact, Beam) and artifact.number % 50 == 0:
             progress(artifact.number, total)
         artifact = next(others, None)
+    if progress is not None:
+        progress(total, total)  # those that were dropped came to no beam
     return kept
+
+
+def reading_count(session: Session) -> int:
+    """How many readings there are to map: what a progress bar counts to."""
+    return sum(isinstance(record.message, Range | Scan) for record in session.records)
 
 
 def true_walls(session: Session) -> NDArray[np.float64] | None:

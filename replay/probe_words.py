@@ -58,7 +58,7 @@ def story(probe: CellProbe, layers: tuple[str, ...]) -> str:
     lines = [f"## Why is this cell so?\n\nThe cell at {name_of(probe)}: row {row}, column {col}.\n"]
     lines += [f"- **{layer}**: {_state(probe, layer)}" for layer in layers]
     if any(touch.effect for touch in probe.touches):
-        lines.append("\nThe readings that moved it most, so far:\n")
+        lines.append(f"\n{_most(probe.strongest(STRONGEST), len(probe.touches))}, so far:\n")
         lines.append("| reading | sensor | range | zone | before | after | effect |")
         lines.append("|--:|---|--:|---|--:|--:|--:|")
         lines += [f"| {' | '.join(_row(touch))} |" for touch in probe.strongest(STRONGEST)]
@@ -77,6 +77,7 @@ def answer(probe: CellProbe, layers: tuple[str, ...]) -> list[str]:
         lines.append(f"{layer}: {_state(probe, layer)}")
         strongest = [touch for touch in probe.strongest(STRONGEST, layer) if touch.effect]
         if strongest:
+            lines.append(f"  {_most(strongest, sum(probe.counts(layer).values()))}:")
             lines += _table(strongest)
     return lines
 
@@ -100,6 +101,13 @@ def _state(probe: CellProbe, layer: str) -> str:
     if layer in probe.observed:
         word = f"{percent(probe.beliefs[layer])} occupied: {word}"
     return f"{word}. {total} reading{'s' * (total != 1)} reached it: {said}"
+
+
+def _most(shown: list[Touch], total: int) -> str:
+    """Which of all readings a table shows."""
+    if len(shown) == total:
+        return "all of them, the strongest first" if total > 1 else "it"
+    return f"the {len(shown)} that moved it most, of {total}"
 
 
 def _range(touch: Touch) -> str:

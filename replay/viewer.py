@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from recorder.errors import BadInput
+from recorder.session import looks_like_session
 from replay.rrd.program import (
     LOCAL,
     free_ports,
@@ -35,11 +36,15 @@ def open_viewer(
 
     In a window of its own, which stays when this program ends; or with ``web`` in a browser, until
     Ctrl-C: ``announce`` is then called with the page's address, and ``browser`` says whether to
-    open it as well. Raises BadInput for a file that is not there, or no display for a window.
+    open it as well. Raises BadInput for a file that is not there or a session, which has no map
+    yet, and where there is no display for a window.
     """
     path = Path(path)
     if not path.is_file():
         raise BadInput(f"{path}: no such file")
+    if looks_like_session(path):
+        mapped = path.with_suffix(".rrd")
+        raise BadInput(f"{path} is a session; map it first: echogrid map {path} -o {mapped}")
     if web:
         _serve(path, announce, browser)
         return

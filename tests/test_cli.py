@@ -65,6 +65,32 @@ def test_an_unknown_key_is_refused(session: Path, capsys: pytest.CaptureFixture[
     assert "resolution_m" in line
 
 
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (["--set", "update=foo"], "unknown key update; did you mean sensors.*.update?"),
+        (["--set", "resolution_m=1"], "unknown key resolution_m; did you mean grid.resolution_m?"),
+        (["--preset", "foo"], "unknown preset 'foo'; known: chapter"),
+    ],
+)
+def test_a_key_without_its_section_and_an_unknown_preset_are_put_right(
+    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["config", *arguments]) == 2
+    assert capsys.readouterr().err == f"echogrid: {told}\n"
+
+
+@pytest.mark.parametrize("web", [[], ["--web"]])
+def test_a_session_is_not_viewed_but_mapped_first(
+    web: list[str], session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["view", str(session), *web]) == 2
+    mapped = session.with_suffix(".rrd")
+    assert capsys.readouterr().err == (
+        f"echogrid: {session} is a session; map it first: echogrid map {session} -o {mapped}\n"
+    )
+
+
 def test_existing_outputs_are_kept(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

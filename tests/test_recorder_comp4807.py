@@ -114,7 +114,8 @@ def test_columns_in_another_order(tmp_path: Path) -> None:
         (b"x,y,angle,Sonar|0|4|0|0.1|nan\n0,0,0,4", "is not NAME"),
         (b"x,y,angle,Sonar|0|4|0|0.1|0\n0,0,0,4", "half beam"),
         (b"x,y,angle,5,Sonar|0|4|0|0.1|19\n0,0,0,4", "names no sensor"),
-        (HEADER.encode(), "not one reading with a pose"),
+        (HEADER.encode(), r"not one reading with a pose \(no reading at all\)"),
+        (HEADER.encode() + b",10,20", "1 group of readings without one"),
         (HEADER.encode() + b",10,20\n3,4,5\n-1,-1,-1,7,8", "not one reading with a pose"),
     ],
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import random
+import re
 import subprocess
 import sys
 import textwrap
@@ -96,6 +97,31 @@ def test_the_page_on_sessions_shows_what_info_prints() -> None:
     page = (ROOT / "docs" / "sessions.md").read_text("utf-8")
     shown = page.split("$ echogrid info logs/room.mcap\n")[1].split("```")[0]
     assert shown.splitlines() == lines_of(ROOT / "logs" / "room.mcap")
+
+
+def test_the_page_on_sessions_cuts_where_something_is_left(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "sessions.md").read_text("utf-8")
+    [size] = re.findall(r"`head -c (\d+) logs/room.mcap > cut.mcap; echogrid info cut.mcap`", page)
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes((ROOT / "logs" / "room.mcap").read_bytes()[: int(size)])
+    lines = lines_of(cut)
+    assert int(lines[0].split()[1]) > 500
+    assert any(line.startswith("  lost: ") for line in lines)
+
+
+def test_metadata_is_told_to_people(tmp_path: Path) -> None:
+    facts = {
+        "dropped": {"pose without readings": 1}, "nothing": {}, "tracker": "", "on": True,
+        "sensors": {"ping": {"beam_width_deg": 38.0, "kind": "x"}, "left": {"kind": "y"}},
+        "versions": {"echogrid": "0.1.0", "python": "3.11"}, "list": [1, "b"],
+    }  # fmt: skip
+    lines = lines_of(session(tmp_path / "s.mcap", [ping(0, 1.0)], **facts))
+    assert lines[0].startswith("s.mcap: 1 message, ")
+    assert [line.strip() for line in lines if " = " in line] == [
+        "dropped = pose without readings 1", "list = 1, b", "nothing = none", "on = yes",
+        "sensors.left = kind y", "sensors.ping = beam_width_deg 38.0, kind x", "tracker = none",
+        "versions = echogrid 0.1.0, python 3.11",
+    ]  # fmt: skip
 
 
 def swapped(messages: list[Message]) -> list[Message]:
@@ -373,12 +399,13 @@ def test_the_commands_and_their_exit_codes(
 
     for content in (b"", b"nothing of the kind" * 9, path.read_bytes()[:30]):
         bad.write_bytes(content)
+        told = "an empty file" if not content else ""
         for command in (["info", str(bad)], ["recover", str(bad), "-o", str(good), "--force"]):
             assert main(command) == 2
             captured = capsys.readouterr()
             assert captured.out == ""
             assert captured.err.count("\n") == 1
-            assert "bad.mcap: " in captured.err
+            assert f"bad.mcap: {told}" in captured.err
     assert main(["recover", str(tmp_path / "none.mcap"), "-o", str(good), "--force"]) == 2
     assert "none.mcap" in capsys.readouterr().err
     assert main(["recover", str(path), "-o", str(tmp_path / "no" / "folder.mcap")]) == 2

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from echogrid import main
-from mapping.artifacts import Snapshot, Started, TempGrid
+from mapping.artifacts import Segment, Snapshot, Started, TempGrid
 from mapping.config import load_config
 from mapping.fusion import FUSED
 from mapping.grid import GridGeometry, Layer
@@ -24,11 +25,13 @@ from mapping.poses import Track
 from mapping.update_rules import UPDATE_RULES
 from recorder.errors import BadInput
 from recorder.geometry import SE2
+from recorder.messages import Range, Scan
 from recorder.session import read_session
 from replay.comparison import Variant, from_files, from_values
 from replay.comparison_run import compare_session
 from replay.comparison_steps import Distances, Moment, in_step
-from replay.comparison_table import comparison_lines, table_of
+from replay.comparison_table import comparison_lines, footnotes, same_maps, table_of
+from replay.mapping_run import map_session
 from replay.rrd.comparison_words import Told, describe_moment
 from replay.rrd.rooted import read_maps
 
@@ -95,6 +98,9 @@ def test_values_of_any_key_make_names(compare: str, expected: list[str]) -> None
     ("arguments", "told"),
     [
         (["--compare", "rulez"], "unknown comparison 'rulez'; the nearest known one is rules"),
+        (["--compare", "foo"], "there are rules, models, pose, or A.B=C,D with values of one key"),
+        (["--compare", "bayes,himm"], "Write --compare sensors.*.update=bayes,himm"),
+        (["--compare", "a,b"], "Write --compare A.B=a,b"),
         (["--compare", "sensors.*.update=bayes,bays"], "unknown update rule 'bays'"),
         (["--compare", "sensors.*.model=peek,fading"], "the nearest known one is peak"),
         (["--compare", "grid.resolution=1,2"], "unknown key grid.resolution"),
@@ -202,6 +208,63 @@ def test_the_table_counts_cells_and_compares_them_where_they_lie() -> None:
     table = table_of(lines)
     assert table[0] == ("map", "occupied", "free", "undecided", "differs from first")
     assert table[-1] == ("other", "2", "3", "1", "33.3 %")
+
+
+def test_bayes_is_what_the_others_are_held_against_where_it_takes_part() -> None:
+    a, b = layer([[0.9, 0.1]]), layer([[0.9, 0.9]])
+    snapshots = {"count": [replace(a, rule="count")], "bayes": [b], "odds": [b]}
+    lines = comparison_lines(snapshots, "ping", dict.fromkeys(snapshots, 0.55))
+    assert [line.differs for line in lines] == [0.5, None, 0.0]
+    assert table_of(lines)[0][-1] == "differs from bayes"
+    assert footnotes(lines) == [
+        "count knows no emptiness below zero: free means hardly or never hit"
+    ]
+    assert footnotes(lines[1:]) == []
+    only_called_so = {"x": [a], "bayes": [replace(b, rule="count")]}
+    lines = comparison_lines(only_called_so, "ping", dict.fromkeys(only_called_so, 0.55))
+    assert table_of(lines)[0][-1] == "differs from x"
+
+
+def test_maps_that_are_the_same_are_named() -> None:
+    one, other = layer([[0.9, 0.1]]), layer([[0.9, 0.2]])
+    snapshots = {"a": [one], "b": [other], "c": [one], "d": [one]}
+    thresholds = dict.fromkeys(snapshots, 0.55)
+    none: dict[str, list[Segment]] = {name: [] for name in snapshots}
+    told = "are the same map: what was varied changed nothing"
+    assert same_maps(snapshots, none, thresholds) == [f"a, c and d {told}"]
+    line = Segment("ping", "grid", 0, (0, 0), (1, 0), 0.0, 0.0, np.zeros((2, 2)), 0.0, 9)
+    assert same_maps(snapshots, {**none, "c": [line]}, thresholds) == [f"a and d {told}"]
+    assert same_maps(snapshots, none, {**thresholds, "d": 0.6}) == [f"a and c {told}"]
+    assert same_maps(snapshots, {**none, "c": [line]}, {**thresholds, "d": 0.6}) == []
+
+
+def test_a_key_that_changes_nothing_is_said_to(
+    session: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for compare, same in (("regions=6,12", True), ("beam_width_deg=10,38", False)):
+        arguments = ["--set", COARSE, "--compare", f"sensors.ping.{compare}"]
+        assert main(["map", str(session), "-o", "-", *arguments]) == 0
+        assert ("are the same map" in capsys.readouterr().out) == same
+
+
+def test_progress_counts_the_readings(session: Path) -> None:
+    """Up to all of them, those that were dropped too, and no pose or transform among them."""
+    readings = sum(isinstance(m, Range | Scan) for m in read_session(session).messages())
+    variants = from_values("sensors.ping.update=bayes,count", settings=[COARSE])
+    compared: list[tuple[int, int]] = []
+    compare_session(
+        session, variants, rrd=None, export=None,
+        progress=lambda done, total: compared.append((done, total)),
+    )  # fmt: skip
+    alone: list[tuple[int, int]] = []
+    map_session(
+        session, variants[0].config, rrd=None, export=None,
+        progress=lambda done, total: alone.append((done, total)),
+    )  # fmt: skip
+    for told in (compared, alone):
+        assert {total for _, total in told} == {readings}
+        assert [done for done, _ in told] == sorted(done for done, _ in told)
+        assert told[-1] == (readings, readings)
 
 
 def test_the_rule_of_a_fused_map_is_that_of_its_layers(session: Path) -> None:

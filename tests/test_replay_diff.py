@@ -17,9 +17,16 @@ from recorder.errors import BadInput
 from replay.diff.alignment import align
 from replay.diff.cells import cell_figures
 from replay.diff.comparing import Report, report
-from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Line, Outline, classes_of
+from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Line, Outline, Source, classes_of
 from replay.diff.lines import border_figures, line_figures
-from replay.diff.verdict import OTHER, SAME, SAME_ROOM, WALL_MOVED
+from replay.diff.verdict import (
+    OTHER,
+    SAME,
+    SAME_ROOM,
+    WALL_MOVED,
+    LayerVerdict,
+    sharpest_first,
+)
 from replay.diff.words import as_json, summary
 
 ROWS, COLS = 9, 12
@@ -103,7 +110,8 @@ def test_one_changed_cell_is_named(
     assert (cell.a, cell.b) == (float(grid[row, col]), float(changed[row, col]))
     centre = GridGeometry((x, y), size, ROWS, COLS).centres_of(np.array([[row, col]]))[0]
     assert (cell.x_m, cell.y_m) == pytest.approx(tuple(centre))
-    assert f"row {row}, col {col} " in "\n".join(summary(found))
+    where = f"worst x {cell.x_m:.3f} m, y {cell.y_m:.3f} m (row {row}, col {col} of A): "
+    assert where in "\n".join(summary(found))
 
 
 def test_what_lies_beyond_a_grid_was_never_seen() -> None:
@@ -261,6 +269,102 @@ def test_a_wall_that_came_or_went_is_found() -> None:
     assert ends.mean(axis=0) == pytest.approx([-0.2 + 36 * 0.02, 0.4 + 27 * 0.02], abs=0.03)
     come = compared(room(box=False, noise=1, seed=1), room(noise=1, seed=2)).verdict
     assert [change.what for change in come.changes] == ["appeared"]
+
+
+def face_of_a_thing(col: int, unseen: slice) -> np.ndarray:
+    """The room with one face of a thing, behind which nothing was seen."""
+    values = room(box=False)
+    values[20:40, unseen] = 0.5
+    values[20:40, col : col + 2] = 0.95
+    return values
+
+
+def test_opposite_faces_of_a_thing_are_not_one_wall() -> None:
+    left, right = face_of_a_thing(28, slice(28, 38)), face_of_a_thing(44, slice(34, 44))
+    found = compared(left, right).verdict
+    assert sorted(change.what for change in found.changes) == ["appeared", "vanished"]
+    same_side = compared(left, face_of_a_thing(44, slice(44, 54))).verdict
+    assert [change.what for change in same_side.changes] == ["moved"]
+    assert same_side.changes[0].moved_m == pytest.approx(16 * 0.02, abs=0.01)
+
+
+def test_short_pieces_are_told_with_a_may() -> None:
+    a, b = room(box=False), room(box=False)
+    a[26:28, 28:38] = 0.95
+    (short,) = compared(a, b).verdict.changes
+    assert not short.sure
+    assert compared(a, b).verdict.words.startswith("a wall may have vanished: (")
+    assert f"a short piece of {short.length_m:.2f} m" in compared(a, b).verdict.words
+    a[26:28, 28:58] = 0.95
+    (long,) = compared(a, b).verdict.changes
+    assert long.sure
+    assert compared(a, b).verdict.words.startswith("a wall vanished: (")
+
+
+def sharp_and_blurred(
+    sharp: np.ndarray, blurred: np.ndarray, *, widths: bool = True
+) -> Source:  # fmt: skip
+    """A layer of a narrow beam and one of a wide beam; the wide one comes first."""
+    narrow, wide = layer(sharp, name="dirrs"), layer(blurred, name="fused")
+    if widths:
+        narrow = replace(narrow, beam_width_rad=0.03)
+    return source(wide, narrow)
+
+
+@pytest.mark.parametrize("widths", [True, False])
+def test_the_sharpest_layer_decides(widths: bool) -> None:
+    """What a blurred layer says of a place that the sharp one saw is not told."""
+    calm, changed = room(right_col=65), room(right_col=65, box=False)
+    quiet = report(
+        sharp_and_blurred(calm, calm, widths=widths),
+        sharp_and_blurred(calm, changed, widths=widths),
+    )
+    assert [c.what for layer in quiet.layers for c in layer.verdict.changes] == ["vanished"]
+    assert (quiet.verdict.kind, quiet.verdict.changes) == (SAME_ROOM, ())
+    told = report(
+        sharp_and_blurred(calm, calm, widths=widths),
+        sharp_and_blurred(changed, calm, widths=widths),
+    ).verdict
+    assert [(c.what, c.layer) for c in told.changes] == [("vanished", "dirrs")]
+
+
+def test_blurred_layers_tell_where_the_sharp_one_saw_nothing() -> None:
+    calm, changed = room(), room(box=False)
+    sharp = room(box=False)
+    sharp[20:34, 24:48] = 0.5
+    inside = report(sharp_and_blurred(sharp, calm), sharp_and_blurred(sharp, changed)).verdict
+    assert [(c.what, c.layer) for c in inside.changes] == [("vanished", "fused")]
+    # An echo beyond the walls that the sharp layer saw: only the blurred one is free out there.
+    out_there, ghost = room(right_col=40), room(right_col=40)
+    small = room(right_col=40)
+    for blurred in (out_there, ghost):
+        blurred[5:55, 42:78] = 0.05
+    ghost[12:48, 66:68] = 0.95
+    found = report(sharp_and_blurred(small, ghost), sharp_and_blurred(small, out_there))
+    seen = [c.what for each in found.layers for c in each.verdict.changes]
+    assert seen == ["vanished"]
+    assert (found.verdict.kind, found.verdict.changes) == (SAME_ROOM, ())
+
+
+def test_sharpness_is_the_width_of_the_beam_and_fused_comes_last() -> None:
+    def verdict(depth_m: float, width_rad: float | None = None) -> LayerVerdict:
+        return LayerVerdict(0.06, 0.06, 1.0, 1.0, depth_m, (), width_rad)
+
+    told = {"ping": verdict(0.01, 0.6), "fused": verdict(0.001), "dirrs": verdict(0.03, 0.05)}
+    assert sharpest_first(told) == ["dirrs", "ping", "fused"]
+    untold = {name: replace(each, beam_width_rad=None) for name, each in told.items()}
+    assert sharpest_first(untold) == ["ping", "dirrs", "fused"]
+    blind = told | {"dirrs": verdict(math.inf, 0.05)}
+    assert sharpest_first(blind) == ["ping", "fused", "dirrs"]
+
+
+def test_values_are_told_in_three_digits() -> None:
+    grid = np.full((ROWS, COLS), 0.25, np.float32)
+    changed = grid.astype(np.float64)
+    changed[2, 3] = 1.03150734e-12
+    assert ": 0.25 in A, 1.03e-12 in B" in "\n".join(summary(compared(grid, changed)))
+    changed[2, 3] = 0.25 + 1e-6
+    assert ": 0.25 in A, 0.25 in B, 1e-06 apart" in "\n".join(summary(compared(grid, changed)))
 
 
 def test_a_map_that_was_pushed_along_is_said() -> None:

@@ -87,11 +87,8 @@ def test_a_cell_changed_by_a_millionth_is_named_with_its_step(
     before, after = change_cell(out / "ping.npz", row, col, 1e-6)
     assert main(["diff", str(made["rrd"]), str(out)]) == 1
     said = capsys.readouterr().out
-    assert (
-        f"layer ping: 1 of {rows.size and stored_size(out)} cells differ; worst row {row}, " in said
-    )
-    assert f"col {col} (" in said
-    assert f"{before:.9g} in A, {after:.9g} in B" in said
+    assert f"layer ping: 1 of {rows.size and stored_size(out)} cells differ; worst x " in said
+    assert f" m (row {row}, col {col} of A): {before:.3g} in A, {after:.3g} in B" in said
     assert main(["diff", str(made["rrd"]), str(out), "--tolerance", "2e-6", "--quiet"]) == 0
     # The step is the one at which the recording's grid took the value that it ends with.
     found = compare(made["rrd"], out)
@@ -103,7 +100,34 @@ def test_a_cell_changed_by_a_millionth_is_named_with_its_step(
     steps = sorted(values)
     assert all(values[s] == before for s in steps if s >= moment.step)
     assert values[steps[steps.index(moment.step) - 1]] != before
-    assert f"A wrote it last at step {moment.step} (reading {moment.reading}, " in said
+    assert f"A wrote it last at step {moment.step} (reading {moment.reading} merged)" in said
+
+
+def test_one_of_several_maps_is_named(
+    made: dict[str, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short, rules, one = tmp_path / "short.mcap", tmp_path / "rules.rrd", tmp_path / "one.rrd"
+    assert main(["simulate", "room", "-o", str(short), "--duration", "3", "--quiet"]) == 0
+    compared = ["--compare", "sensors.*.update=bayes,himm", "--set", SETTING]
+    assert main(["map", str(short), "-o", str(rules), *compared, "--quiet"]) == 0
+    assert main(["map", str(short), "-o", str(one), "--set", SETTING, "--quiet"]) == 0
+    capsys.readouterr()
+    assert main(["diff", str(one), str(rules)]) == 2
+    said = capsys.readouterr().err
+    assert said.endswith(f"holds several maps: bayes, himm; name one, as in {rules}#bayes\n")
+    assert main(["diff", str(one), f"{rules}#bayes"]) == 0
+    assert f"B  {rules}#bayes (recording)\nverdict: same\n" in capsys.readouterr().out
+    assert main(["diff", f"{rules}#bayes", f"{rules}#himm", "--quiet"]) == 1
+    for path, words in (
+        (f"{rules}#nope", "no map 'nope'; the maps in it are bayes, himm"),
+        (f"{one}#bayes", "no map 'bayes'; it holds a single map"),
+        (f"{one}x#bayes", "no such file"),
+    ):
+        assert main(["diff", str(one), path]) == 2
+        assert words in capsys.readouterr().err
+    widths_rad = {name: each.beam_width_rad for name, each in open_map(one).layers.items()}
+    assert (widths_rad["ping"] or 0.0) > (widths_rad["dirrs"] or 9.0) > 0.0
+    assert widths_rad["fused"] is None
 
 
 def stored_size(out: Path) -> str:
@@ -253,6 +277,24 @@ def test_real_halves_are_one_room(shared_data: Path, tmp_path: Path) -> None:
     found = compare(*halves, load_config(settings=["grid.resolution_m=0.02"]))
     assert found.differs
     assert found.verdict.kind == SAME_ROOM
+
+
+def test_echoes_outside_the_arena_are_no_walls(shared_data: Path, tmp_path: Path) -> None:
+    """Two recordings of one arena: the sonar draws walls that move, far outside of it."""
+    runs = []
+    for name in ("trace9", "trace21"):
+        run = tmp_path / f"{name}.mcap"
+        trace = shared_data / "comp4807" / f"{name}.trc"
+        arguments = ["import", str(trace), "-o", str(run), "--format", "comp4807", "--quiet"]
+        assert main(arguments) == 0
+        runs.append(run)
+    found = compare(*runs, load_config(settings=["grid.resolution_m=0.02"]))
+    for change in found.verdict.changes:
+        assert change.layer == "dirrs"
+        assert not change.sure
+        for x_m, y_m in np.concatenate(change.places_m):
+            assert -0.1 < x_m < 2.2
+            assert -0.1 < y_m < 1.7
 
 
 @pytest.mark.parametrize(

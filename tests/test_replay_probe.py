@@ -99,7 +99,8 @@ def test_why_is_this_cell_black(run: Run) -> None:
     of_ping = [t for t in probe.touches if t.layer == "ping"]
     ping = next(line for line in lines if line.startswith("ping: "))
     assert f"{len(of_ping)} readings reached it" in ping
-    first_row = lines[lines.index(ping) + 2].split()
+    assert lines[lines.index(ping) + 1] == f"  the 8 that moved it most, of {len(of_ping)}:"
+    first_row = lines[lines.index(ping) + 3].split()
     largest = max(of_ping, key=lambda t: abs(t.effect))
     assert first_row[:2] == [str(largest.reading), "ping"]
     assert first_row[-1] == f"{100 * largest.effect:+.1f}"
@@ -145,6 +146,8 @@ def test_every_reading_that_reached_the_cell_is_listed_at_its_own_step(
     last = rows(path, layout.probe_story(0), "TextDocument:text")[-1]
     assert last[0] == len(artifacts) - 1
     assert "| reading | sensor | range |" in str(last[1])
+    count = len(result.probes[0].touches)
+    assert f"the 8 that moved it most, of {count}, so far:" in str(last[1])
 
 
 def test_the_words_of_a_step_tell_what_it_did_to_the_cell(

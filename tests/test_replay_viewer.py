@@ -18,7 +18,7 @@ import psutil
 import pytest
 from made_run import MadeRun
 from PIL import Image
-from viewer_support import Browser, headless
+from viewer_support import Browser, Patiently, headless
 
 from mapping.artifacts import Artifact, MergedGrid, Started, TempGrid
 from mapping.beams import Beam
@@ -315,16 +315,13 @@ def test_ctrl_c_ends_all_servers(path: Path) -> None:
 @pytest.mark.viewer
 def test_the_browser_shows_the_empty_map_first(path: Path) -> None:
     with WebViewer(path) as web:
-        browser = Browser(f"{web.url}&renderer=webgl")
+        browser = Browser(f"{web.url}&renderer=webgl", size=(900, 700))
         try:
-            end = time.monotonic() + 120.0
-            share = 0.0
-            while share < 0.1 and time.monotonic() < end:
-                share = float(near(browser.screenshot(), layout.NEVER_SEEN).mean())
-                time.sleep(0.5)
+            Patiently(browser).until(
+                lambda picture: near(picture, layout.NEVER_SEEN).mean() >= 0.1, "the empty map"
+            )
         finally:
             browser.close()
-    assert share >= 0.1
 
 
 @pytest.mark.viewer

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,11 +16,12 @@ import pytest
 from conftest import ROOT
 from PIL import Image
 from scipy.spatial import cKDTree
-from viewer_support import Browser, Scale, headless, near
+from viewer_support import Browser, Patiently, Scale, headless, near
 
 from mapping.artifacts import Artifact, Finished, MergedGrid, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config import MappingConfig, load_config
+from mapping.grid import GridGeometry
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.session import read_session
@@ -38,7 +38,6 @@ SENSOR = "dirrs"  # narrow beams: its walls come out sharp
 SENSOR_COLOUR = layout.SENSORS[1]
 OVERLAYS = (layout.WALLS, layout.ROBOT, layout.PATH, layout.points(SENSOR))
 NEAR_WALL_M = 0.14  # at its reach of 0.8 m: the infrared's band (0.06), its error (0.04), two cells
-PATIENCE_S = 300.0  # of a browser that draws on a busy processor
 
 
 @pytest.fixture(scope="module")
@@ -299,20 +298,42 @@ def maps_alone(
     return path
 
 
-class Waiting:
-    """A browser looked at until what one waits for is there."""
+class MapPage(Patiently):
+    """What a page shows of a map.
 
-    def __init__(self, browser: Browser) -> None:
-        self.browser = browser
+    The page arranges itself anew while it loads, and on a busy machine one sees that. So places are
+    measured in each picture by itself, never in one picture for another.
+    """
 
-    def until(self, what: Callable[[Image.Image], bool], told: str) -> Image.Image:
-        end = time.monotonic() + PATIENCE_S
-        while True:
-            picture = self.browser.screenshot()
-            if what(picture):
-                return picture
-            assert time.monotonic() < end, f"the browser never showed {told}"
-            time.sleep(0.5)
+    def __init__(self, browser: Browser, geometry: GridGeometry) -> None:
+        super().__init__(browser)
+        self.geometry = geometry
+
+    def never_seen(self, picture: Image.Image) -> np.ndarray:
+        """The pixels of the map that are of the colour of what was never seen."""
+        return near(picture, layout.NEVER_SEEN)
+
+    def scale(self, picture: Image.Image) -> Scale:
+        """Of a picture whose map is never seen at its four sides."""
+        return Scale.of(self.never_seen(picture), self.geometry)
+
+    def empty(self, picture: Image.Image) -> bool:
+        """A whole rectangle of never seen cells, as wide and high as the map, and no beam."""
+        mask = self.never_seen(picture)
+        if mask.mean() < 0.1:
+            return False
+        rows, cols = (np.nonzero(mask.any(axis=axis))[0] for axis in (1, 0))
+        inside = mask[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+        shape = self.geometry.cols / self.geometry.rows
+        is_map = inside.shape[1] / inside.shape[0] == pytest.approx(shape, rel=0.02)
+        return is_map and float(inside.mean()) > 0.999
+
+    def shows_beam(self, picture: Image.Image, beam: Beam) -> bool:
+        """The beam is drawn where it was; the robot's arrow lies over a part of it."""
+        if self.never_seen(picture).mean() < 0.1:
+            return False
+        colour = layout.SENSORS[0]  # the only sensor, so the first colour
+        return share_along(picture, self.scale(picture), outline_points(beam), colour) > 0.8
 
 
 @pytest.mark.viewer
@@ -324,22 +345,18 @@ def test_the_browser_shows_the_walls_and_steps_both_ways(
     first = artifacts[steps_of(artifacts, Beam)[0]]
     assert isinstance(first, Beam)
     with WebViewer(maps_alone) as web:
-        browser = Browser(f"{web.url}&renderer=webgl")
-        page = Waiting(browser)
+        browser = Browser(f"{web.url}&renderer=webgl", size=(900, 700))
+        page = MapPage(browser, started.geometry)
         try:
-            empty = page.until(lambda p: near(p, layout.NEVER_SEEN).mean() > 0.1, "the empty map")
-            scale = Scale.of(near(empty, layout.NEVER_SEEN), started.geometry)
+            empty = page.until(page.empty, "the empty map")
+            assert not page.shows_beam(empty, first)
 
             def has_beam(picture: Image.Image) -> bool:
-                colour = layout.SENSORS[0]  # the only sensor, so the first colour
-                return share_along(picture, scale, outline_points(first), colour) > 0.8
+                return page.shows_beam(picture, first)
 
-            assert not has_beam(empty)
-            browser.press("ArrowRight")
-            page.until(has_beam, "the first beam")
-            browser.press("ArrowLeft")
-            back = page.until(lambda p: not has_beam(p), "the empty map again")
-            assert near(back, layout.NEVER_SEEN).sum() > 0.99 * near(empty, layout.NEVER_SEEN).sum()
+            page.press_until("ArrowRight", page.empty, has_beam, "the first beam")
+            back = page.press_until("ArrowLeft", has_beam, page.empty, "the empty map again")
+            scale = page.scale(back)  # by now all is loaded, and nothing moves any more
 
             browser.press("ArrowRight", ctrl_shift=True)
             low = np.array(started.geometry.origin_m)

@@ -18,6 +18,7 @@ import tempfile
 import threading
 import time
 import urllib.parse
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,6 +32,9 @@ from recorder.errors import BadInput
 from replay.rrd.headless import HeadlessViewer
 
 NEEDS_CHROMIUM = "no Chromium: sudo apt install chromium"
+PATIENCE_S = 300.0  # with a browser that draws on a busy processor
+PRESS_AGAIN_S = 60.0  # that busy, a page takes half a minute to show what a key did
+PRESS_AGAIN_LOOKS = 5  # and so many pictures must show that nothing happened
 
 
 def on_ci() -> bool:
@@ -227,3 +231,40 @@ class Browser:
             answer = json.loads(raw)
             if answer.get("id") == self._number:
                 return dict(answer.get("result", {}))
+
+
+class Patiently:
+    """A browser looked at until what one waits for is there."""
+
+    def __init__(self, browser: Browser) -> None:
+        self.browser = browser
+
+    def until(self, what: Callable[[Image.Image], bool], told: str) -> Image.Image:
+        end = time.monotonic() + PATIENCE_S
+        while True:
+            picture = self.browser.screenshot()
+            if what(picture):
+                return picture
+            assert time.monotonic() < end, f"the browser never showed {told}"
+            time.sleep(0.5)
+
+    def press_until(
+        self, key: str, before: Callable[[Image.Image], bool],
+        after: Callable[[Image.Image], bool], told: str,
+    ) -> Image.Image:  # fmt: skip
+        """A key; once more when the page long stays as it was, as one that got no key does."""
+        looks, again = 0, 0.0
+
+        def pressed(picture: Image.Image) -> bool:
+            nonlocal looks, again
+            if after(picture):
+                return True
+            looks += 1
+            if before(picture) and looks >= PRESS_AGAIN_LOOKS and time.monotonic() > again:
+                self.browser.press(key)
+                looks, again = 0, time.monotonic() + PRESS_AGAIN_S
+            return False
+
+        self.browser.press(key)
+        again = time.monotonic() + PRESS_AGAIN_S
+        return self.until(pressed, told)

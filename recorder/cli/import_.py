@@ -41,6 +41,6 @@ def import_(
         for log_ns, message in found.records:
             session.write(message, log_ns=log_ns)
     if not quiet:
-        dropped = ", ".join(f"{n} {why}" for why, n in found.dropped.items()) or "nothing"
+        dropped = ", ".join(f"{why} {n}" for why, n in found.dropped.items()) or "nothing"
         click.echo(f"{output}: {len(found.records)} messages; dropped: {dropped}")
     return 0

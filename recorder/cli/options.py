@@ -6,6 +6,13 @@ from pathlib import Path
 
 import click
 
+
+class Number(click.FloatRange):
+    """A number within bounds, called so in the help and in what is said of "abc"."""
+
+    name = "number"
+
+
 FILE = click.Path(path_type=Path)
 
 output_session = click.option(

@@ -19,7 +19,7 @@ from recorder.cli import options
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(min=0.1),
+    type=options.Number(min=0.1),
     default=2.5,
     show_default=True,
     help="How long to listen at each speed.",

@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from recorder.cli import options
+
 if TYPE_CHECKING:
     from recorder.controls import Controls
     from recorder.recording import RecordingStatus
@@ -49,17 +51,13 @@ _OPTIONS = (
         metavar="NAME=KIND",
         help="What NAME is: ping, dirrs, or BEAM_DEG,MIN_M,MAX_M[,ir].",
     ),
-    click.option(
-        "--duration", type=click.FloatRange(min=0), help="Seconds; default: until Ctrl-C."
-    ),
+    click.option("--duration", type=options.Number(min=0), help="Seconds; default: until Ctrl-C."),
     click.option("--pause", is_flag=True, help="Begin paused: space, p or SIGUSR1 goes on."),
-    click.option("--split-mb", type=click.FloatRange(min=0.1), help="A new file each so many MB."),
-    click.option(
-        "--split-s", type=click.FloatRange(min=1), help="A new file each so many seconds."
-    ),
+    click.option("--split-mb", type=options.Number(min=0.1), help="A new file each so many MB."),
+    click.option("--split-s", type=options.Number(min=1), help="A new file each so many seconds."),
     click.option(
         "--min-free-mb",
-        type=click.FloatRange(min=0),
+        type=options.Number(min=0),
         default=200.0,
         show_default=True,
         help="Stop while so much of the disk is free.",

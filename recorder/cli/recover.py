@@ -23,6 +23,7 @@ def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
     from rich.progress import Progress
 
     from recorder.session_recover import recover as run
+    from recorder.summary import counted
 
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
@@ -35,6 +36,8 @@ def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
         click.echo(f"echogrid: lost: {reason}", err=True)
     if not quiet:
         said = "some was lost" if recovery.lost else "nothing was lost"
-        files = f", {recovery.attachments} attachments" if recovery.attachments else ""
-        click.echo(f"{output}: {recovery.messages} messages{files}; {said}")
+        files = ""
+        if recovery.attachments:
+            files = f", {counted(recovery.attachments, 'attachment')}"
+        click.echo(f"{output}: {counted(recovery.messages, 'message')}{files}; {said}")
     return 1 if recovery.lost else 0

@@ -12,9 +12,9 @@ from recorder.cli import options
 @click.command(epilog="Example:  echogrid simulate room -o run.mcap --duration 60 --seed 1")
 @click.argument("room")
 @options.output_session
-@click.option("--duration", type=click.FloatRange(min=0.1), default=60.0, show_default=True)
+@click.option("--duration", type=options.Number(min=0.1), default=60.0, show_default=True)
 @click.option("--seed", type=int, default=0, show_default=True)
-@click.option("--noise", type=click.FloatRange(0, 10), default=1.0, show_default=True)
+@click.option("--noise", type=options.Number(0, 10), default=1.0, show_default=True)
 @click.option("--sensors", default="ping,dirrs", show_default=True, help="Also: lidar.")
 @click.option("--route", default="default", help='"x,y;x,y;..." in metres.')
 @click.option("--head-sweep", type=float, default=0.0, help="Degrees that the head turns.")

@@ -186,9 +186,9 @@ def import_comp4807(
         if line.strip():
             trace.add_row(_tokens(line))
     if not trace.readings_with_pose:
-        raise BadInput(
-            f"{path}: not one reading with a pose ({trace.groups} groups of readings without)"
-        )
+        many = f"{trace.groups} group{'s' * (trace.groups != 1)} of readings without one"
+        why = many if trace.groups else "no reading at all"
+        raise BadInput(f"{path}: not one reading with a pose ({why})")
     metadata = _metadata(ordered, rate_hz, start_s)
     return Imported(trace.records, metadata, dict(trace.dropped))
 

@@ -43,7 +43,13 @@ def compare_and_tell(
 def _tell(
     variants: Sequence[Variant], comparison: Comparison, rrd: Path | None, export: Path | None
 ) -> None:  # fmt: skip
-    from replay.comparison_table import comparison_lines, shown_layer, table_of
+    from replay.comparison_table import (
+        comparison_lines,
+        footnotes,
+        same_maps,
+        shown_layer,
+        table_of,
+    )
     from replay.terminal import pictures_beside, summary_lines, table_text
 
     results = comparison.results
@@ -58,7 +64,11 @@ def _tell(
     }
     click.echo(pictures_beside(shown, min(shutil.get_terminal_size().columns, _WIDEST)))
     click.echo(f"layer {layer}: █ wall, blank free, ░ undecided, · never seen\n")
-    click.echo(table_text(table_of(comparison_lines(snapshots, layer, thresholds))))
+    lines = comparison_lines(snapshots, layer, thresholds)
+    click.echo(table_text(table_of(lines)))
+    segments = {name: result.segments for name, result in results.items()}
+    for note in (*footnotes(lines), *same_maps(snapshots, segments, thresholds)):
+        click.echo(note)
     for each in variants:
         if each.note:
             click.echo(f"{each.name}: {each.note}")

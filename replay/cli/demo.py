@@ -18,7 +18,7 @@ _SPEED = 4.0  # the demo's robot hurries, so that it has seen its room after som
     "-o", "--output", type=options.FILE, help="Folder; default ./echogrid-demo, numbered."
 )
 @click.option("--room", default="room", show_default=True)
-@click.option("--duration", type=click.FloatRange(min=1), default=15.0, show_default=True)
+@click.option("--duration", type=options.Number(min=1), default=15.0, show_default=True)
 @click.option("--seed", type=int, default=1, show_default=True)
 @click.option("--no-view", is_flag=True, help="Do not open the viewer.")
 @click.option("--force", is_flag=True, help="Write into a folder that is not empty.")

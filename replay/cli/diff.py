@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     "--plugin", "plugins", type=options.FILE, multiple=True, help="A rule or model of your own."
 )
 @click.option(
-    "--tolerance", type=click.FloatRange(min=0), default=0.0, show_default=True,
+    "--tolerance", type=options.Number(min=0), default=0.0, show_default=True,
     help="Cells differ when their values lie further apart.",
 )  # fmt: skip
 @click.option(
-    "--line-tolerance", "line_tolerance_m", type=click.FloatRange(min=0), default=1e-6,
+    "--line-tolerance", "line_tolerance_m", type=options.Number(min=0), default=1e-6,
     show_default=True, help="Lines differ when an end moved further, in metres.",
 )  # fmt: skip
 @click.option("--layer", "layers", multiple=True, help="Only this layer; repeatable.")
@@ -44,6 +44,8 @@ def diff(
     as_json: bool, output: Path | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Compare A and B: sessions, .rrd, .npz, map_server maps or export folders.
+
+    Of an .rrd that holds several maps, name one: rules.rrd#bayes.
 
     Sessions are mapped first, both with one configuration; one session beside a map is mapped
     with the configuration that made the map, unless you give one. Exit code 0: the same.

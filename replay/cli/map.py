@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 )
 @click.option("--pose", help="x,y,deg of a robot that stood still: no tracker needed.")
 @probe_option
-@click.option("--rrd-budget-mb", type=click.FloatRange(min=1), help="Size the .rrd stays under.")
+@click.option("--rrd-budget-mb", type=options.Number(min=1), help="Size the .rrd stays under.")
 @click.option("--force", is_flag=True, help="Replace outputs that exist.")
 @click.option("--quiet", is_flag=True, help="Say nothing but errors.")
 def map_(

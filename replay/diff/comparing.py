@@ -216,7 +216,8 @@ def _layer_report(
     written_b = _written(b, right, cells, shift)
     return LayerReport(
         name, left.kind, pair, pair.by_class, cells, extras, lines, borders,
-        layer_verdict(name, pair), written_a, written_b,
+        layer_verdict(name, pair, left.beam_width_rad or right.beam_width_rad), written_a,
+        written_b,
     )  # fmt: skip
 
 

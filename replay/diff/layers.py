@@ -48,6 +48,7 @@ class MapLayer:
 
     ``classes`` hold UNKNOWN, FREE or OCCUPIED. A map that knows nothing else has its values empty,
     and ``reclass`` brings another layer to the classes as such a file would have written them.
+    ``beam_width_rad`` is that of the layer's sensor, where the source tells it.
     Lines and borders are None where the source does not tell them.
     """
 
@@ -61,6 +62,7 @@ class MapLayer:
     borders: tuple[Outline, ...] | None = None
     reclass: Callable[[MapLayer], Codes] | None = None
     extra: Mapping[str, Values] = field(default_factory=dict)
+    beam_width_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,11 +166,12 @@ def value_layer(
     extra: Mapping[str, Values] | None = None,
     lines: tuple[Line, ...] | None = None,
     borders: tuple[Outline, ...] | None = None,
+    beam_width_rad: float | None = None,
 ) -> MapLayer:
     """A layer of values (rows, cols) in the unit ``kind``, with its classes."""
     return MapLayer(
         name, kind, geometry, values, classes_of(kind, values, extra), start_of(kind), lines,
-        borders, extra=extra or {},
+        borders, extra=extra or {}, beam_width_rad=beam_width_rad,
     )  # fmt: skip
 
 

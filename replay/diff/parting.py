@@ -49,8 +49,10 @@ class StepParting:
     """The first step at which two recordings, or the values of one, part."""
 
     layer: str
-    row: int
+    row: int  # row and col in A's own grid, x and y the cell's centre
     col: int
+    x_m: float
+    y_m: float
     a: Moment
     b: Moment
     a_value: float
@@ -153,8 +155,9 @@ def _layer_parts(
         away = distances(one, other)
         if beyond(away, tolerance).any():
             row, col = (int(v) for v in np.unravel_index(int(np.argmax(away)), away.shape))
+            x_m, y_m = geometry.centres_of(np.array([[row, col]]))[0].tolist()
             return StepParting(
-                left.name, row - at_a[0], col - at_a[1], moment_a, moment_b,
+                left.name, row - at_a[0], col - at_a[1], x_m, y_m, moment_a, moment_b,
                 float(one[row, col]), float(other[row, col]),
             )  # fmt: skip
     return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ Ends = tuple[tuple[float, float], tuple[float, float]]
 FARTHEST_MOVE_M = 0.6
 """A wall further away is another wall."""
 _FILLED, _FILLED_NEW = 0.5, 0.1
+_ONE_SIDED = 2.0  # a wall faces the side that has so many times the free cells of the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,23 +56,39 @@ class Patch:
         near = np.abs(sideways - place_m) <= 2.5 * self.cell_m
         return float(sideways[near].mean()) if near.any() else place_m
 
-    def nearest_wall_m(self, occupied_m: Floats, new_m: Floats) -> float | None:
+    def facing(self, free_m: Floats, place_m: float, reach_m: float) -> int:
+        """On which side of a wall near ``place_m`` the free cells (N, 2) lie.
+
+        1: to its left, -1: to its right, 0: on both, or on neither.
+        """
+        _, sideways = self.beside(free_m)
+        away = sideways - place_m
+        left = int(np.count_nonzero((away > 0.0) & (away <= reach_m)))
+        right = int(np.count_nonzero((away < 0.0) & (away >= -reach_m)))
+        return (left > _ONE_SIDED * right) - (right > _ONE_SIDED * left)
+
+    def nearest_wall_m(
+        self, occupied_m: Floats, new_m: Floats, fits: Callable[[float], bool]
+    ) -> float | None:
         """How far to the left the nearest wall of the other map lies that this one may be now.
 
         Points (N, 2) of that map: all that are occupied, and those of them far from this map's
         walls. They are counted in strips of three cells along the patch; a strip is such a wall
-        when it is filled along half of the patch, and along a tenth of it with new cells.
+        when it is filled along half of the patch, and along a tenth of it with new cells, and
+        when it ``fits`` at its place.
         """
         share, new = self._filled(occupied_m), self._filled(new_m)
         walls = np.flatnonzero((share >= _FILLED) & (new >= _FILLED_NEW))
-        if not len(walls):
-            return None
         zero = len(share) // 2
-        best = int(walls[np.argmin(np.abs(walls - zero))])
-        outwards = 1 if best > zero else -1
-        while 0 < best < len(share) - 1 and share[best + outwards] > share[best]:
-            best += outwards
-        return (best - zero) * self.cell_m
+        best: int
+        for best in walls[np.argsort(np.abs(walls - zero), kind="stable")].tolist():
+            outwards = 1 if best > zero else -1
+            while 0 < best < len(share) - 1 and share[best + outwards] > share[best]:
+                best += outwards
+            place_m = (best - zero) * self.cell_m
+            if fits(place_m):
+                return place_m
+        return None
 
     def _filled(self, points_m: Floats) -> Floats:
         """For strips from far on the right to far on the left: along how much they are filled."""

@@ -14,13 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_dilation, distance_transform_edt, label
+from scipy.ndimage import distance_transform_edt
 from scipy.signal import fftconvolve
 
+from mapping.fusion import FUSED
 from replay.diff.alignment import Aligned
 from replay.diff.cells import Flags
-from replay.diff.layers import FREE, OCCUPIED, UNKNOWN
-from replay.diff.patches import Ends, patch_of
+from replay.diff.layers import OCCUPIED, UNKNOWN
+from replay.diff.patches import Ends
+from replay.diff.walls import CommonSpace, WallChange, lies_within, saw_nothing_at, wall_changes
 
 Floats = NDArray[np.float64]
 
@@ -28,32 +30,11 @@ Floats = NDArray[np.float64]
 # the third quartile of what the two maps' own walls lie apart (less than a quarter will be new).
 NOISE_M, NOISE_CELLS, NOISE_QUARTILES = 0.06, 3.0, 3.0
 MOST_NOISE_M = 0.2  # a layer noisier than this does not tell whether a wall moved
-# Shorter patches are not called walls: in metres, in noises, and in mean depths of a wall. (The
-# cells of a band are a quarter of its width deep in the mean: one and a half widths.)
-_LEAST_WALL_M, _LEAST_WALL_NOISES, _LEAST_WALL_DEPTHS = 0.15, 2.0, 6.0
-_LEAST_CELLS = 5
 _SAME_ROOM = 0.6  # of the occupied cells that the other has seen lie near its walls
-_GOOD_PART = 0.3  # of what the layer that saw most saw
 _SAID = 3  # changes that are put in words
 _MOST_FOR_SHIFT = 4_000_000  # cells
 
 SAME, SAME_ROOM, WALL_MOVED, OTHER = "same", "same room", "wall moved", "different"
-
-
-@dataclass(frozen=True, slots=True)
-class WallChange:
-    """A wall that is not where it was: ``what`` is moved, appeared or vanished.
-
-    ``from_m`` and ``to_m`` are two ends each, metres, map frame; ``moved_m`` how far it moved at a
-    right angle to itself (None: it was not found again).
-    """
-
-    what: str
-    layer: str
-    from_m: Ends | None
-    to_m: Ends | None
-    moved_m: float | None
-    length_m: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +44,7 @@ class LayerVerdict:
     ``near_a``: those of A within ``near_m`` of B's; None where there are none to look at.
     ``noise_m``: what these two maps' walls lie apart without having moved.
     ``depth_m``: how deep the occupied cells lie in their walls, in the mean: small in sharp maps.
+    ``beam_width_rad``: that of the layer's sensor; None where it is not told, or there are many.
     """
 
     near_m: float
@@ -71,6 +53,7 @@ class LayerVerdict:
     near_b: float | None
     depth_m: float
     changes: tuple[WallChange, ...]
+    beam_width_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,47 +65,30 @@ class Verdict:
     changes: tuple[WallChange, ...]
 
 
-def layer_verdict(name: str, pair: Aligned) -> LayerVerdict:
+def layer_verdict(name: str, pair: Aligned, beam_width_rad: float | None = None) -> LayerVerdict:
     """What the differences of one layer say about its walls."""
     resolution = pair.geometry.resolution_m
     a, b = pair.a_classes == OCCUPIED, pair.b_classes == OCCUPIED
     least_m = max(NOISE_M, NOISE_CELLS * resolution)
     if not a.any() or not b.any():
-        return LayerVerdict(least_m, least_m, None, None, math.inf, ())
+        return LayerVerdict(least_m, least_m, None, None, math.inf, (), beam_width_rad)
     to_a, to_b = _distances_m(a, resolution), _distances_m(b, resolution)
     known_a, known_b = a & (pair.b_classes != UNKNOWN), b & (pair.a_classes != UNKNOWN)
     apart = np.concatenate([to_b[known_a], to_a[known_b]])
     own_m = NOISE_QUARTILES * float(np.quantile(apart, 0.75)) if apart.size else 0.0
     noise_m = min(max(least_m, own_m), max(least_m, MOST_NOISE_M))
     depth_m = float(max(_distances_m(~side, resolution)[side].mean() for side in (a, b)))
-    least_wall_m = max(_LEAST_WALL_M, _LEAST_WALL_NOISES * noise_m, _LEAST_WALL_DEPTHS * depth_m)
     changes: tuple[WallChange, ...] = ()
     if own_m <= noise_m:
-        changes = _wall_changes(name, pair, to_a > noise_m, to_b > noise_m, least_wall_m)
+        changes = wall_changes(name, pair, to_a > noise_m, to_b > noise_m, noise_m, depth_m)
     near_a, near_b = _share(to_b <= least_m, known_a), _share(to_a <= least_m, known_b)
-    return LayerVerdict(least_m, noise_m, near_a, near_b, depth_m, changes)
-
-
-def _wall_changes(
-    name: str, pair: Aligned, far_from_a: Flags, far_from_b: Flags, least_wall_m: float
-) -> tuple[WallChange, ...]:
-    """Walls of either map that the other saw to be free, each once."""
-    a, b = pair.a_classes == OCCUPIED, pair.b_classes == OCCUPIED
-    far_a, far_b = a & far_from_b, b & far_from_a
-    changes = [
-        *_changes(name, pair, far_a & (pair.b_classes == FREE), far_b, (a, b), vanished=True),
-        *_changes(name, pair, far_b & (pair.a_classes == FREE), far_a, (b, a), vanished=False),
-    ]
-    return _each_once([change for change in changes if change.length_m >= least_wall_m])
+    return LayerVerdict(least_m, noise_m, near_a, near_b, depth_m, changes, beam_width_rad)
 
 
 def overall(
     layers: Mapping[str, LayerVerdict], *, any_differs: bool, pairs: Mapping[str, Aligned]
 ) -> Verdict:
-    """One verdict from those of all layers.
-
-    Of the layers that saw walls change, the sharpest that saw a good part of it tells where.
-    """
+    """One verdict from those of all layers; the sharpest tells which walls changed."""
     if not any_differs:
         return Verdict(SAME, "same", ())
     shares = [s for v in layers.values() for s in (v.near_a, v.near_b) if s is not None]
@@ -137,7 +103,7 @@ def overall(
             "poses that do not fit"
         )
         return Verdict(OTHER, words + _shift_words(pairs[best]), ())
-    changes = _told(layers)
+    changes = _told(layers, pairs)
     if changes:
         return Verdict(WALL_MOVED, _changes_words(changes), changes)
     words = (
@@ -148,11 +114,43 @@ def overall(
     return Verdict(SAME_ROOM, words, ())
 
 
-def _told(layers: Mapping[str, LayerVerdict]) -> tuple[WallChange, ...]:
-    lengths = {name: sum(c.length_m for c in v.changes) for name, v in layers.items()}
-    most = max(lengths.values())
-    good = [name for name in layers if lengths[name] > 0.0 and lengths[name] >= _GOOD_PART * most]
-    return layers[min(good, key=lambda name: layers[name].depth_m)].changes if good else ()
+def _told(
+    layers: Mapping[str, LayerVerdict], pairs: Mapping[str, Aligned]
+) -> tuple[WallChange, ...]:
+    """What the sharpest layer saw change; of others only what it knows nothing of.
+
+    Those must lie in the space that both maps saw to be free in the sharpest: beyond it, a wide
+    beam has echoes of echoes and no walls.
+    """
+    order = sharpest_first(layers)
+    told = list(layers[order[0]].changes)
+    spaces = (CommonSpace.of(pairs[name]) for name in order)
+    space = next((each for each in spaces if each is not None), None)
+    if space is None:
+        return tuple(told)
+    for number, name in enumerate(order[1:], start=1):
+        noise_m, sharper = layers[name].noise_m, [pairs[each] for each in order[:number]]
+        told += [
+            change
+            for change in layers[name].changes
+            if lies_within(change, space, noise_m)
+            and all(saw_nothing_at(change, pair) for pair in sharper)
+        ]
+    return tuple(told)
+
+
+def sharpest_first(layers: Mapping[str, LayerVerdict]) -> list[str]:
+    """Names of layers: by the width of their beams, or how thin their walls are; fused the last."""
+    single = [verdict.beam_width_rad for name, verdict in layers.items() if name != FUSED]
+    by_width = all(width is not None for width in single)
+
+    def blur(name: str) -> tuple[bool, bool, float, float]:
+        verdict = layers[name]
+        nothing_there = not math.isfinite(verdict.depth_m)
+        width = verdict.beam_width_rad or 0.0 if by_width else 0.0
+        return nothing_there, name == FUSED, width, verdict.depth_m
+
+    return sorted(layers, key=blur)
 
 
 def _changes_words(changes: tuple[WallChange, ...]) -> str:
@@ -162,15 +160,17 @@ def _changes_words(changes: tuple[WallChange, ...]) -> str:
 
 
 def change_words(change: WallChange) -> str:
-    """One wall in words, with its place."""
+    """One wall in words, with its place; carefully where the piece is short."""
+    short = "" if change.sure else f", a short piece of {change.length_m:.2f} m"
+    source = f"(layer {change.layer}{short})"
     if change.what == "moved" and change.from_m and change.to_m:
+        verb = "moved" if change.sure else "may have moved"
         return (
-            f"a wall moved by {change.moved_m:.2f} m: from {_ends(change.from_m)} "
-            f"to {_ends(change.to_m)} (layer {change.layer})"
+            f"a wall {verb} by {change.moved_m:.2f} m: from {_ends(change.from_m)} "
+            f"to {_ends(change.to_m)} {source}"
         )
-    where = change.from_m or change.to_m
-    assert where is not None
-    return f"a wall {change.what}: {_ends(where)} (layer {change.layer})"
+    verb = change.what if change.sure else f"may have {change.what}"
+    return f"a wall {verb}: {_ends(change.places_m[0])} {source}"
 
 
 def _ends(ends: Ends) -> str:
@@ -191,60 +191,6 @@ def _distances_m(occupied: Flags, resolution_m: float) -> Floats:
 def _share(near: Flags, of: Flags) -> float | None:
     number = int(np.count_nonzero(of))
     return int(np.count_nonzero(near & of)) / number if number else None
-
-
-def _changes(
-    name: str, pair: Aligned, strong: Flags, far: Flags, sides: tuple[Flags, Flags], *,
-    vanished: bool,
-) -> list[WallChange]:  # fmt: skip
-    """One change for each patch of ``strong`` cells of one map.
-
-    ``far`` are cells of the other map's new walls, ``sides`` all occupied cells of both, the
-    patch's own map first.
-    """
-    cells = np.argwhere(strong)
-    if not len(cells):
-        return []
-    labels, count = label(binary_dilation(strong, np.ones((3, 3), bool), iterations=2))
-    owner = labels[cells[:, 0], cells[:, 1]]
-    geometry = pair.geometry
-    elsewhere, own, other = (geometry.centres_of(np.argwhere(f)) for f in (far, *sides))
-    found = []
-    for number in range(1, count + 1):
-        points = geometry.centres_of(cells[owner == number])
-        if len(points) < _LEAST_CELLS:
-            continue
-        patch = patch_of(points, geometry.resolution_m)
-        place = patch.nearest_wall_m(other, elsewhere)
-        here = patch.span(patch.middle_m(own, 0.0))
-        there = None if place is None else patch.span(patch.middle_m(other, place))
-        moved = None
-        if place is not None:
-            moved = abs(patch.middle_m(other, place) - patch.middle_m(own, 0.0))
-        one, two = (here, there) if vanished else (there, here)
-        what = "moved" if there else "vanished" if vanished else "appeared"
-        found.append(WallChange(what, name, one, two, moved, patch.length_m))
-    return found
-
-
-def _each_once(changes: list[WallChange]) -> tuple[WallChange, ...]:
-    """A wall that both maps tell of is told once, the longest first."""
-    kept: list[WallChange] = []
-    for change in sorted(changes, key=lambda each: -each.length_m):
-        if not any(_one_wall(change, other) for other in kept):
-            kept.append(change)
-    return tuple(kept)
-
-
-def _one_wall(a: WallChange, b: WallChange) -> bool:
-    if not (a.what == b.what == "moved" and a.from_m and b.from_m and a.to_m and b.to_m):
-        return False
-    gaps = [
-        np.hypot(*(np.mean(p, axis=0) - np.mean(q, axis=0)))
-        for p, q in ((a.from_m, b.from_m), (a.to_m, b.to_m))
-    ]
-    near = max(gaps) < max(a.length_m, b.length_m) / 2.0 and min(gaps) < _LEAST_WALL_M
-    return bool(near)
 
 
 def _shift_words(pair: Aligned) -> str:

@@ -10,12 +10,18 @@ from typing import Any
 
 import numpy as np
 
+from mapping.artifacts import MergedGrid, Snapshot
 from replay.diff.cells import Cell
 from replay.diff.comparing import LayerReport, Report
 from replay.diff.layers import Line, Moment
 from replay.diff.lines import BorderFigures, LineFigures
 from replay.diff.parting import Heard, Parting, StepParting
 
+# What a step of a recording was, for people.
+_CAME = {
+    MergedGrid.__name__: "reading {} merged",
+    Snapshot.__name__: "the whole map, written after reading {}",
+}
 _SHOWN = 3  # lines that moved, came or went, of each kind
 
 
@@ -55,7 +61,7 @@ def _layer_lines(layer: LayerReport) -> list[str]:
         )
         lines += _near_lines(layer)
     lines += [
-        f"  array {extra.name}: {extra.differ:,} cells differ, by {extra.most:.6g} at most"
+        f"  array {extra.name}: {extra.differ:,} cells differ, by {extra.most:.3g} at most"
         for extra in layer.extras
         if extra.differ
     ]
@@ -68,12 +74,17 @@ def _layer_lines(layer: LayerReport) -> list[str]:
 
 
 def _cell_words(cell: Cell) -> str:
-    place = f"row {cell.row}, col {cell.col} (x {cell.x_m:.3f} m, y {cell.y_m:.3f} m): "
-    return place + f"{_value(cell.a)} in A, {_value(cell.b)} in B"
+    place = f"x {cell.x_m:.3f} m, y {cell.y_m:.3f} m (row {cell.row}, col {cell.col} of A): "
+    return place + _both(cell.a, cell.b)
 
 
-def _value(value: float | str) -> str:
-    return value if isinstance(value, str) else f"{value:.9g}"
+def _both(a: float | str, b: float | str) -> str:
+    """Both values, to three digits, and how far apart they are where those do not tell."""
+    one, two = (value if isinstance(value, str) else f"{value:.3g}" for value in (a, b))
+    words = f"{one} in A, {two} in B"
+    if one == two and not isinstance(a, str) and not isinstance(b, str):
+        words += f", {abs(b - a):.3g} apart"
+    return words
 
 
 def _written_words(layer: LayerReport) -> str:
@@ -86,7 +97,8 @@ def _written_words(layer: LayerReport) -> str:
 
 
 def _moment(moment: Moment) -> str:
-    return f"step {moment.step} (reading {moment.reading}, {moment.artifact})"
+    came = _CAME.get(moment.artifact, "after reading {}").format(moment.reading)
+    return f"step {moment.step} ({came})"
 
 
 def _near_lines(layer: LayerReport) -> list[str]:
@@ -129,9 +141,9 @@ def _border_words(borders: BorderFigures) -> str:
 
 
 def _parting_lines(parting: Parting) -> list[str]:
-    head = f"the maps part after reading {parting.reading} (counted from 0), in layer"
+    when = f"after reading {parting.reading}" if parting.reading else "at the very first reading"
     return [
-        f"{head} {parting.layer}",
+        f"the maps part {when}, in layer {parting.layer}",
         *(f"  {s}: {_heard(h)}" for s, h in (("A", parting.a), ("B", parting.b))),
     ]
 
@@ -149,8 +161,9 @@ def _heard(heard: Heard | None) -> str:
 
 def _step_line(parting: StepParting) -> str:
     return (
-        f"the recordings part at {_moment(parting.a)}: layer {parting.layer}, row {parting.row}, "
-        f"col {parting.col}: {parting.a_value:.9g} in A, {parting.b_value:.9g} in B"
+        f"the recordings part at {_moment(parting.a)}: layer {parting.layer}, x {parting.x_m:.3f} "
+        f"m, y {parting.y_m:.3f} m (row {parting.row}, col {parting.col} of A): "
+        + _both(parting.a_value, parting.b_value)
     )
 
 

@@ -24,7 +24,7 @@ from mapping.artifacts import (
 from mapping.beams import Beam
 from replay.comparison import Variant
 from replay.comparison_steps import SAME_PLACE_M, Distances, Moment, apart
-from replay.comparison_table import comparison_lines, shown_layer, table_of
+from replay.comparison_table import comparison_lines, footnotes, shown_layer, table_of
 from replay.rrd import words
 
 Some = TypeVar("Some")
@@ -208,8 +208,10 @@ def _finished(moment: Moment, told: Told) -> str:
     if finals:
         thresholds = {n: v.config.borders.threshold for n, v in told.variants.items()}
         layer = shown_layer(finals)
-        head, *rows = table_of(comparison_lines(finals, layer, thresholds))
-        text = f"## The maps {layer}, compared\n\n{_table(head, rows)}\n\n"
+        lines = comparison_lines(finals, layer, thresholds)
+        head, *rows = table_of(lines)
+        parts = [f"## The maps {layer}, compared", _table(head, rows), *footnotes(lines), ""]
+        text = "\n\n".join(parts)
     away = "\n".join(f"- {line}" for line in told.distances.told())
     return "\n\n".join(part for part in (text, away, _each(moment), told.left_out) if part)
 

@@ -17,9 +17,17 @@ def is_session(path: Path) -> bool:
 
 
 def open_map(path: Path) -> Source:
-    """A source that is a map already. Raises BadInput, in one line, for all else."""
+    """A source that is a map already: a path, or FILE.rrd#NAME for one of several maps in a file.
+
+    Raises BadInput, in one line, for all else.
+    """
     if not path.exists():
-        raise BadInput(f"{path}: no such file")
+        file, name = _one_of_several(path)
+        if not name:
+            raise BadInput(f"{file}: no such file")
+        from replay.diff.sources.recordings import read_recording
+
+        return read_recording(file, name)
     if path.is_dir():
         from replay.diff.sources.folders import read_folder
 
@@ -39,3 +47,11 @@ def open_map(path: Path) -> Source:
             return read_recording(path)
         case _:
             raise BadInput(f"{path}: not a map; it takes {_KINDS}")
+
+
+def _one_of_several(path: Path) -> tuple[Path, str]:
+    """FILE.rrd#NAME as file and name; the name is empty where this is nothing such."""
+    file, mark, name = path.name.rpartition("#")
+    if not mark or not file.lower().endswith(".rrd") or not path.with_name(file).is_file():
+        return path, ""
+    return path.with_name(file), name

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from mapping.fusion import FUSED
 from recorder.errors import BadInput
 from replay.diff.layers import (
     MapLayer,
@@ -16,7 +17,8 @@ from replay.diff.layers import (
     outline_of,
     value_layer,
 )
-from replay.rrd.reader import RrdRecording, read_rrd
+from replay.rrd.reader import RrdRecording, map_names, read_rrd
+from replay.rrd.rooted import root_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,26 +46,64 @@ class RecordedSteps:
             yield Moment(number, reading, artifact), grid
 
 
-def read_recording(path: Path) -> Source:
-    """All layers of a recording at its end. Raises BadInput for a file that holds none."""
-    recording = read_rrd(path)
+def read_recording(path: Path, name: str = "") -> Source:
+    """All layers of a recording at its end; ``name`` is that of one of several maps in it.
+
+    Raises BadInput for a file that holds none, and where the map is not named that is meant.
+    """
+    recording = _opened(path, name)
     exact = {name for step in recording.steps for name in step.exact}
-    layers = {name: _layer(recording, name) for name in recording.layers if name in exact}
+    widths_rad = _beam_widths_rad(recording)
+    layers = {
+        each: _layer(recording, each, widths_rad.get(each))
+        for each in recording.layers
+        if each in exact
+    }
     if not layers:
         raise BadInput(f"{path}: holds no layer with exact values")
     notes = []
     if recording.damaged:
         notes.append(f"{path.name} was not ended properly; it is compared as far as it goes")
-    missing = [name for name in recording.layers if name not in exact]
+    missing = [each for each in recording.layers if each not in exact]
     if missing:
         notes.append(f"{path.name} holds no exact values of {', '.join(missing)}")
+    shown = path.with_name(f"{path.name}#{name}") if name else path
     return Source(
-        path, "recording", layers, config_toml=recording.config_text, notes=tuple(notes),
+        shown, "recording", layers, config_toml=recording.config_text, notes=tuple(notes),
         damaged=recording.damaged, history=RecordedSteps(recording),
     )  # fmt: skip
 
 
-def _layer(recording: RrdRecording, name: str) -> MapLayer:
+def _opened(path: Path, name: str) -> RrdRecording:
+    if name:
+        names = map_names(path)
+        if name not in names:
+            there = f"the maps in it are {', '.join(names)}" if names else "it holds a single map"
+            raise BadInput(f"{path}: no map {name!r}; {there}")
+        return read_rrd(path, root_of(name))
+    try:
+        return read_rrd(path)
+    except BadInput:
+        names = map_names(path)
+        if not names:
+            raise
+        raise BadInput(
+            f"{path}: holds several maps: {', '.join(names)}; name one, as in {path}#{names[0]}"
+        ) from None
+
+
+def _beam_widths_rad(recording: RrdRecording) -> dict[str, float]:
+    """The width of the first beam of each layer that has beams of its own."""
+    awaited = set(recording.layers) - {FUSED}
+    widths_rad: dict[str, float] = {}
+    for _, beam in recording.beams():
+        widths_rad.setdefault(beam.layer, beam.beam_width_rad)
+        if awaited <= set(widths_rad):
+            break
+    return widths_rad
+
+
+def _layer(recording: RrdRecording, name: str, beam_width_rad: float | None) -> MapLayer:
     """Only the newest lines and borders count: those of the last time they were worked out."""
     kind, _ = recording.kind_and_rule(name)
     snapshots = [s.step for s in recording.steps if s.artifact == "Snapshot" and s.layer == name]
@@ -73,5 +113,5 @@ def _layer(recording: RrdRecording, name: str) -> MapLayer:
     return value_layer(
         name, kind or "probability", recording.geometry, recording.grid(name),
         extra=recording.extra(name), lines=tuple(line_of(s) for s in segments),
-        borders=tuple(outline_of(b) for b in borders),
+        borders=tuple(outline_of(b) for b in borders), beam_width_rad=beam_width_rad,
     )  # fmt: skip

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mapping.artifacts import Artifact, Border, Segment, Snapshot, Started
+from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.grid import GridGeometry
@@ -26,10 +27,13 @@ class Results:
     _snapshots: dict[str, Snapshot]
     _segments: list[Segment]
     _borders: list[Border]
+    _beam_widths_rad: dict[str, float] = field(default_factory=dict)
 
     def __call__(self, artifact: Artifact) -> None:
         """Keep the final maps and the lines and borders that were found last."""
         match artifact:
+            case Beam():
+                self._beam_widths_rad.setdefault(artifact.layer, artifact.beam_width_rad)
             case Snapshot():
                 # Stages may be shown again and again: the newest lines and borders count.
                 name = artifact.layer.name
@@ -53,6 +57,7 @@ class Results:
             layer.name, layer.kind, layer.geometry, layer.values, extra=layer.extra,
             lines=tuple(line_of(s) for s in self._segments if s.layer == layer.name),
             borders=tuple(outline_of(b) for b in self._borders if b.layer == layer.name),
+            beam_width_rad=self._beam_widths_rad.get(layer.name),
         )  # fmt: skip
 
 
