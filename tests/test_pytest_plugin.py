@@ -81,7 +81,7 @@ def test_a_golden_map_is_written_matched_and_missed(package: Package) -> None:
     assert "the map differs from run.npz (A: the session, B: the golden map)" in run.stdout
     assert "verdict: " in run.stdout
     assert "layer ping: " in run.stdout
-    assert "cells differ; worst row " in run.stdout
+    assert "cells differ; worst x " in run.stdout
     assert "layer dirrs: all " in run.stdout
     assert "missing.npz: no such golden map; --update-golden writes it" in run.stdout
     pictures = [each for each in run.stdout.splitlines() if each.startswith("picture: ")]

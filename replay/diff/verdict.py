@@ -108,8 +108,8 @@ def overall(
         return Verdict(WALL_MOVED, _changes_words(changes), changes)
     words = (
         f"same room, these cells differ: {agreement:.0%} of the occupied cells lie within "
-        f"{layers[best].near_m:.2g} m of the other's (layer {best}), and no wall stands where the "
-        "other map is free"
+        f"{layers[best].near_m:.2g} m of the other's (layer {best}), and no wall of layer "
+        f"{sharpest_first(layers)[0]} stands where the other map is free"
     )
     return Verdict(SAME_ROOM, words, ())
 
@@ -120,7 +120,7 @@ def _told(
     """What the sharpest layer saw change; of others only what it knows nothing of.
 
     Those must lie in the space that both maps saw to be free in the sharpest: beyond it, a wide
-    beam has echoes of echoes and no walls.
+    beam draws echoes rather than walls.
     """
     order = sharpest_first(layers)
     told = list(layers[order[0]].changes)
