@@ -362,6 +362,6 @@ def test_the_commands(plugin: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     found = {
         "config": [config.output, config.exit_code], "check": [check.output, check.return_value],
         "kept": [kept.output, kept.return_value], "names": [c.name for c in cli.COMMANDS],
-        "help": [run.invoke(c, ["--help"]).output for c in cli.COMMANDS],
+        "options": [[c.help, [[p.name, p.opts] for p in c.params]] for c in cli.COMMANDS],
     }  # fmt: skip
     GOLDEN.check("commands", found)
