@@ -39,11 +39,11 @@ class RbcProtocol(Protocol):
 
     def __init__(self) -> None:
         self._pending = b""
-        self._awake = False  # whether the robot was heard since the link opened
+        self._awake = False  # whether a packet came since the link opened
         self._silent_asks = 0
 
     def greeting(self) -> bytes:
-        """Byte 10 until the robot is heard, and again after seconds of silence: it was reset."""
+        """Byte 10 until a packet comes, and again after seconds of silence: it was reset."""
         self._silent_asks += 1
         if self._awake and self._silent_asks > _SILENT_ASKS:
             self._awake = False
@@ -56,7 +56,8 @@ class RbcProtocol(Protocol):
         while (packet := self._next()) is not None:
             self._pending = self._pending[len(packet.raw) :]
             packets.append(packet)
-            if packet.fault is None:
+            # An answer alone does not count: our 11 that follows it may get lost.
+            if packet.fault is None and packet.raw != ANSWER:
                 self._awake, self._silent_asks = True, 0
         return packets
 
