@@ -110,7 +110,7 @@ def unevaluated(module: Path) -> list[tuple[tuple[int, int], tuple[int, int]]]:
     ]
 
 
-def test_command(tree: Path) -> str:
+def regression_command(tree: Path) -> str:
     """The regression tests alone, up to the first failure."""
     files = sorted(
         p.relative_to(tree).as_posix() for p in (tree / "tests").glob("test_regression*")
@@ -136,7 +136,7 @@ def baseline(tree: Path) -> float:
     prepare(tree)
     for _ in range(2):  # the first one compiles
         began = time.perf_counter()
-        outcome, output = run_tests(test_command(tree), 1800)
+        outcome, output = run_tests(regression_command(tree), 1800)
         if outcome.value != "survived":
             raise SystemExit(f"the regression tests fail without any mutant:\n{output[-3000:]}")
     return time.perf_counter() - began
@@ -164,7 +164,7 @@ def judge(task: tuple[Path, Mutant, float]) -> Verdict:
             operator_args=dict(mutant.arguments), occurrence=mutant.occurrence,
             start_pos=(1, 0), end_pos=(1, 1),
         )  # fmt: skip
-        result = mutate_and_test([spec], test_command(tree), limit_s)
+        result = mutate_and_test([spec], regression_command(tree), limit_s)
     output = result.output or ""
     outcome = "not run"
     if result.test_outcome is not None:

@@ -74,9 +74,10 @@ def test_a_source_that_goes_on_for_ever_is_left_alone(monkeypatch: pytest.Monkey
 
     over = threading.Event()
     with Inbox({"endless": endless}) as box:
-        for _ in box.events(stop):
-            pass
+        events = [event for _, event in box.events(stop)]
+        assert not over.is_set(), "it was left alone while it was still going on"
     over.set()
+    assert 1 in events
 
 
 def test_what_a_source_raises_comes_out_and_the_others_end() -> None:

@@ -73,6 +73,8 @@ def test_a_device_that_is_waited_for(tmp_path: Path) -> None:
     device.write(b"here")
     collector.wait_for_data(b"here")
     collector.finish()
+    assert collector.states == ["opened"]
+    assert collector.data == b"here"
     device.unplug()
 
 
@@ -99,6 +101,8 @@ def test_what_was_opened_beforehand_is_used(tmp_path: Path) -> None:
     collector = Collector(link)
     collector.wait_for_data(b"early")
     collector.finish()
+    assert collector.data == b"early"
+    assert "lost" not in collector.states
     device.unplug()
 
 
