@@ -137,17 +137,26 @@ def _papers(probes: Sequence[str]) -> rrb.Container:
 def _display_views(started: Started, displays: Sequence[str]) -> list[rrb.View]:
     """A view for each other way to draw the last layer, or all layers in one picture."""
     geometry, last = started.geometry, started.layers[-1]
-    several = len([name for name in started.layers if name != FUSED]) > 1
+    sensors = [name for name in started.layers if name != FUSED]
     views: list[rrb.View] = []
     for name in displays:
         if name in OF_ONE:
             entity, title = layout.display(last, name), f"{last}: {TITLES[name]}"
-        elif several:
-            entity, title = layout.display("", name), TITLES[name]
+        elif len(sensors) > 1:
+            entity, title = layout.display("", name), _inks(name, sensors)
         else:
             continue
         views.append(_map_view(title, [entity, layout.WALLS], geometry))
     return views
+
+
+def _inks(name: str, sensors: Sequence[str]) -> str:
+    """Which sensor is drawn in which ink."""
+    first, second, *further = sensors
+    if name == "two-colours":
+        return f"{first} in red, {second} in blue"
+    third = f"{further[0]} in green" if further else "both in green"
+    return f"{first} in red, {second} in blue, {third}"
 
 
 def beside(name: str, views: list[rrb.View], geometry: GridGeometry) -> rrb.View | rrb.Container:
@@ -186,14 +195,13 @@ def layer_view(
     if layer == FUSED:
         pictures += [layout.display("", each) for each in displays if each in OF_SEVERAL]
     contents = [
-        f"{layout.layer_root(layer)}/**", layout.ROBOT, layout.PATH, layout.WALLS,
+        f"{layout.layer_root(layer)}/**", layout.ROBOT, f"{layout.PATH}/**", layout.WALLS,
         f"{layout.PROBE_MARKS}/**", *pictures,
     ]  # fmt: skip
     hidden = [layout.temp(layer) if changes else layout.change(layer), *pictures]
     overrides: dict[str, rrb.EntityBehavior | rrb.VisibleTimeRanges] = {
         **{entity: rrb.EntityBehavior(visible=False) for entity in hidden},
         layout.points(layer): _from_the_start(),
-        layout.PATH: _from_the_start(),
     }
     title = name or (f"{layer}: what changed" if changes else layer)
     below = {f"{root}{entity}": how for entity, how in overrides.items()}
@@ -207,16 +215,19 @@ def _map_view(
     overrides: dict[str, rrb.EntityBehavior | rrb.VisibleTimeRanges] | None = None,
     root: str = "",
 ) -> rrb.Spatial2DView:
-    """A view of the map plane, y up, that the whole grid just fits into."""
-    (x, y), (width, height) = geometry.origin_m, geometry.size_m
-    margin = _MARGIN * max(width, height)
-    bounds = rrb.VisualBounds2D(
-        x_range=[x - margin, x + width + margin], y_range=[-(y + height) - margin, -y + margin]
-    )
     return rrb.Spatial2DView(
         origin="/", contents=[root + each for each in (layout.MAP, *contents)], name=name,
-        visual_bounds=bounds, overrides=overrides,
+        visual_bounds=whole_grid(geometry), overrides=overrides,
     )  # fmt: skip
+
+
+def whole_grid(geometry: GridGeometry) -> rrb.VisualBounds2D:
+    """The part of the map plane, y up, that the whole grid just fits into."""
+    (x, y), (width, height) = geometry.origin_m, geometry.size_m
+    margin = _MARGIN * max(width, height)
+    return rrb.VisualBounds2D(
+        x_range=[x - margin, x + width + margin], y_range=[-(y + height) - margin, -y + margin]
+    )
 
 
 def _from_the_start() -> rrb.VisibleTimeRanges:

@@ -20,6 +20,7 @@ from replay.rrd.history_writer import HistoryWriter
 from replay.rrd.layout import Colour, Tiling
 from replay.rrd.pictures import UNSEEN
 from replay.rrd.tiles import LayerTiles, Place, start_value
+from replay.rrd.trail import Trail
 
 
 @dataclass(slots=True)
@@ -42,6 +43,7 @@ class Canvas:
     newest_temp: TempGrid | None = None
     _prepared: set[str] = field(default_factory=set)
     _vanishing: dict[str, tuple[Pack, Any]] = field(default_factory=dict)
+    _trails: dict[str, Trail] = field(default_factory=dict)
     _colours: dict[str, Colour] = field(default_factory=dict)
     _histories: dict[str, HistoryWriter[_Ticket]] = field(default_factory=dict)
     _told: dict[str, list[tuple[_Ticket, bytes]]] = field(default_factory=dict)
@@ -68,6 +70,18 @@ class Canvas:
             if gone in self._vanishing:
                 pack, nothing = self._vanishing.pop(gone)
                 self.add(gone, pack, nothing)
+
+    def leave(self, entity: str, dots_m: NDArray[np.float64], set_up: scene.SetUp) -> None:
+        """Add dots (N, 2), metres, to those that were left below an entity before."""
+        if entity not in self._trails:
+
+            def draw(number: int, dots: NDArray[np.float64]) -> None:
+                row = layout.digit(entity, number)
+                self.prepare(row, set_up)
+                self.add(row, columns.points, dots, dots.nbytes)
+
+            self._trails[entity] = Trail(draw)
+        self._trails[entity].add(dots_m)
 
     def prepare(self, entity: str, set_up: scene.SetUp) -> None:
         """Write the unchanging part of an entity, the first time that it is asked for."""

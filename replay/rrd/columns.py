@@ -111,6 +111,7 @@ def _texts(name: str, rows: Sequence[str]) -> rr.ComponentColumn:
 
 _BLOB = pa.list_(pa.field("item", pa.uint8(), nullable=False))
 _BUFFER = next(iter(rr.SegmentationImage.columns(buffer=[b"0"]))).component_descriptor()
+_BLOB_OF_PNG = next(iter(rr.EncodedImage.columns(blob=[b"0"]))).component_descriptor()
 
 
 def image_format(shape: tuple[int, ...]) -> rr.components.ImageFormat:
@@ -123,35 +124,30 @@ def image_format(shape: tuple[int, ...]) -> rr.components.ImageFormat:
 def class_images(rows: Sequence[NDArray[np.uint8]]) -> Columns:
     """Pictures (rows, cols) of classes whose place and size were said once for the entity."""
     flat = np.concatenate([row.ravel() for row in rows])
-    offsets = pa.array(_offsets([row.size for row in rows]))
-    blobs = pa.ListArray.from_arrays(offsets, pa.array(flat), type=_BLOB)
-    return [rr.ComponentColumn(_BUFFER, _Arrow(blobs))]
+    return [rr.ComponentColumn(_BUFFER, _Arrow(_blobs(flat, [row.size for row in rows])))]
+
+
+def _blobs(flat: NDArray[np.uint8], lengths: Sequence[int]) -> pa.Array:
+    return pa.ListArray.from_arrays(pa.array(_offsets(lengths)), pa.array(flat), type=_BLOB)
 
 
 @dataclass(frozen=True, slots=True)
 class Patch:
-    """Classes (rows, cols) with the outer corner of their cell (0, 0) and its side, metres."""
+    """A picture of cells with the outer corner of their cell (0, 0) and its side, metres."""
 
     corner_m: tuple[float, float]
     cell_m: float
-    cells: NDArray[np.uint8]
-
-
-NOTHING = Patch((0.0, 0.0), 1.0, np.zeros((1, 1), np.uint8))
+    png: bytes
 
 
 def patches(rows: Sequence[Patch]) -> Columns:
     """Pictures whose place and size differ from row to row; row 0 lies at the lowest y.
 
-    They are of the same kind as the cells below them. Compressed pictures (PNG) would take a third
-    of the room, but the viewer keeps to the drawing order only among pictures of one kind: of two
-    kinds, it draws that first whose middle is farther from the middle of the view. The scale is
-    written again each time: a transform is taken from one row, whole.
+    The scale is written again each time: a transform is taken from one row, whole.
     """
-    formats = [image_format(row.cells.shape) for row in rows]
+    flat = np.frombuffer(b"".join(row.png for row in rows), np.uint8)
     return [
-        *class_images([row.cells for row in rows]),
-        *rr.SegmentationImage.columns(format=formats),
+        rr.ComponentColumn(_BLOB_OF_PNG, _Arrow(_blobs(flat, [len(row.png) for row in rows]))),
         *rr.Transform3D.columns(
             translation=[[*row.corner_m, 0.0] for row in rows],
             scale=[[row.cell_m] * 3 for row in rows],

@@ -46,7 +46,7 @@ class ComparisonWriter(RrdWriter):
         name: str,
         every: int = 1,
         budget_mb: float = 100.0,
-        flush_readings: int = 400,
+        flush_readings: int = 1600,
     ) -> None:
         text = "\n\n".join(f"# {v.name}\n\n{commented_toml(v.config)}" for v in variants)
         super().__init__(

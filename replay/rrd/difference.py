@@ -6,7 +6,6 @@ stand its exact values. Lines of both sides and walls that changed are drawn ove
 
 from __future__ import annotations
 
-import os
 import uuid
 from pathlib import Path
 
@@ -17,11 +16,13 @@ from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
+from recorder.outputs import written_beside
 from replay.diff.comparing import LayerReport, Report
 from replay.diff.layers import Line
 from replay.diff.picture import difference_pixels, map_pixels
 from replay.diff.words import summary
 from replay.rrd import layout
+from replay.rrd.blueprints import whole_grid
 
 _VERDICT = "/verdict"
 _GONE, _COME = (255, 127, 14, 255), (44, 140, 44, 255)
@@ -31,21 +32,18 @@ _SIDES = ("a", "b", "difference")
 
 def write_difference(report: Report, path: Path) -> None:
     """Write the recording, beside its name first. Raises BadInput where it cannot be written."""
-    part = path.with_name(path.name + ".part")
     recording = rr.RecordingStream("echogrid", recording_id=str(uuid.uuid4()))
     recording.set_log_time_enabled(False)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        recording.save(part, default_blueprint=_blueprint(report))
-        recording.send_recording_name(f"{report.a.path.name} and {report.b.path.name}")
-        _draw(recording, report)
-        recording.flush()
-        recording.disconnect()
-        os.replace(part, path)
+        with written_beside(path) as part:
+            recording.save(part, default_blueprint=_blueprint(report))
+            recording.send_recording_name(f"{report.a.path.name} and {report.b.path.name}")
+            _draw(recording, report)
+            recording.flush()
+            recording.disconnect()
     except (OSError, RuntimeError) as error:
         raise BadInput(f"{path}: cannot be written: {error}") from None
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _draw(recording: rr.RecordingStream, report: Report) -> None:
@@ -135,16 +133,8 @@ def _tab(layer: LayerReport, report: Report) -> rrb.Container:
     views = [
         rrb.Spatial2DView(
             origin="/", name=title, contents=[layout.MAP, f"{root}/{side}", *more],
-            visual_bounds=_bounds(layer.pair.geometry),
+            visual_bounds=whole_grid(layer.pair.geometry),
         )
         for side, title, more in zip(_SIDES, titles, over, strict=True)
     ]  # fmt: skip
     return rrb.Horizontal(*views, name=layer.name)
-
-
-def _bounds(geometry: GridGeometry) -> rrb.VisualBounds2D:
-    (x, y), (width, height) = geometry.origin_m, geometry.size_m
-    margin = 0.02 * max(width, height)
-    return rrb.VisualBounds2D(
-        x_range=[x - margin, x + width + margin], y_range=[-(y + height) - margin, -y + margin]
-    )

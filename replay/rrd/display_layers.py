@@ -23,8 +23,9 @@ from mapping.artifacts import Artifact, Snapshot, Started
 from mapping.display import against_largest, at_depth, grey, three_colours, two_colours
 from mapping.fusion import FUSED
 from mapping.grid import Layer, Window
-from replay.rrd import columns, layout
+from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
+from replay.rrd.pictures import Named
 
 OF_ONE = ("grey", "reduced", "odds")
 OF_SEVERAL = ("two-colours", "three-colours")
@@ -82,7 +83,7 @@ class DisplayCompanion:
         room = self._left_bytes if artifact.final else self._left_bytes / 2
         left_out = []
         for picture in self._pictures(artifact.layer):
-            window = _seen(picture.codes)
+            window = Window.around(picture.codes)
             cells = picture.codes[window.slices].copy()
             size = round(_PACKING * len(zlib.compress(cells.tobytes(), 1)))
             if size > room or cells.size > _MOST_CELLS:
@@ -165,13 +166,6 @@ def _odds(layer: Layer) -> Floats:
     return odds
 
 
-def _seen(codes: Codes) -> Window:
-    """The rectangle that holds all cells that were seen; there is one at least."""
-    rows, cols = np.flatnonzero(codes.any(axis=1)), np.flatnonzero(codes.any(axis=0))
-    height, width = int(rows[-1] - rows[0]) + 1, int(cols[-1] - cols[0]) + 1
-    return Window(int(rows[0]), int(cols[0]), height, width)
-
-
 @dataclass(frozen=True, slots=True)
 class _Placed:
     """Codes (rows, cols), the outer corner of their cell (0, 0) and the side of a cell, metres."""
@@ -194,7 +188,7 @@ def _placed_cells(rows: Sequence[_Placed]) -> columns.Columns:
     return [
         *rr.SegmentationImage.columns(buffer=buffers, format=formats),
         *rr.Transform3D.columns(
-            translation=[[*row.corner_m, 0.0] for row in rows],
+            translation=[[*row.corner_m, layout.plane_m(layout.ORDER_DISPLAY)] for row in rows],
             scale=[[row.cell_m] * 3 for row in rows],
         ),
     ]
@@ -203,12 +197,12 @@ def _placed_cells(rows: Sequence[_Placed]) -> columns.Columns:
 def _set_up(recording: rr.RecordingStream, entity: str, *, picture: Picture) -> None:
     """The colour and the name of each code, and how the picture is laid over the cells."""
     table = colours(picture.name, len(picture.of), picture.levels)
-    infos = [rr.AnnotationInfo(0, "", (0, 0, 0, 0))]
+    named: list[Named] = [(0, "never seen", layout.NEVER_SEEN)]
     each = itertools.product(range(picture.levels), repeat=len(picture.of))
     for code, (digits, (r, g, b)) in enumerate(zip(each, table.tolist(), strict=True), start=1):
         shares = [f"{of} {100 * d / (picture.levels - 1):.0f} %"
                   for of, d in zip(picture.of, digits, strict=True)]  # fmt: skip
-        infos.append(rr.AnnotationInfo(code, ", ".join(shares), (r, g, b, 255)))
-    recording.log(entity, rr.AnnotationContext(infos), static=True)
-    look = rr.SegmentationImage.from_fields(opacity=0.999, draw_order=layout.ORDER_DISPLAY)
+        named.append((code, ", ".join(shares), (r, g, b, 255)))
+    scene.set_up_opaque(recording, entity, named)
+    look = rr.SegmentationImage.from_fields(opacity=1.0, draw_order=layout.ORDER_DISPLAY)
     recording.log(entity, look, static=True)

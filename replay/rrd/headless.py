@@ -94,10 +94,10 @@ class HeadlessViewer:
             for report in view.reports
         ]
 
-    def go_to(self, step: int, timeline: str = "step") -> None:
-        """Move the viewer to a step, paused."""
+    def go_to(self, step: int, timeline: str = "step", *, paint_s: float = _PAINT_S) -> None:
+        """Move the viewer to a step, paused, and give it so long to paint."""
         self._ask(self._client.set_time, timeline, sequence=step, play_state="paused")
-        time.sleep(_PAINT_S)
+        time.sleep(paint_s)
 
     def screenshot(self, view: str | None = None) -> Image.Image:
         """A picture of a view, by its name, or of the whole window."""

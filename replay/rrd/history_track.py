@@ -20,9 +20,6 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Cells = NDArray[np.int64]
 
-# What a cell holds before any reading, by the unit of the layer's values; all others begin at 0.
-STARTS = {"probability": 0.5, "odds": 1.0}
-
 
 @dataclass(frozen=True, slots=True)
 class Covered:

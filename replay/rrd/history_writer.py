@@ -23,7 +23,6 @@ T = TypeVar("T")
 
 _FORETOLD_KINDS = ("probability", "odds")
 _MOST_MISSED = 0.4  # of the covered cells; above it plain differences are smaller
-_MOST_FACTORS = 4096
 _GATHERED = 16  # readings, before a table is made of them
 _MOST_WAITING = 64  # readings, of all sensors
 _MOST_SAMPLES = 100_000
@@ -197,12 +196,10 @@ class HistoryWriter(Generic[T]):
         changed = self._changed(reading.window, reading.values)
         if not changed.any():
             return b""
-        rows, cols = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
-        height, width = int(rows[-1] - rows[0] + 1), int(cols[-1] - cols[0] + 1)
+        inner = Window.around(changed)
         w = reading.window
-        box = Window(w.row0 + int(rows[0]), w.col0 + int(cols[0]), height, width)
-        part = reading.values[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-        return plain_record(self._track, self._number, box, part)
+        box = Window(w.row0 + inner.row0, w.col0 + inner.col0, inner.rows, inner.cols)
+        return plain_record(self._track, self._number, box, reading.values[inner.slices])
 
     def _changed(self, window: Window, values: Singles) -> NDArray[np.bool_]:
         old = self._track.values[window.slices]

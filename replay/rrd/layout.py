@@ -37,12 +37,19 @@ PROBE_MARKS = f"{MAP}/probes"
 
 STEP, READING, TIME = "step", "reading", "time"
 
-# What is drawn over what, from below.
-ORDER_TILES, ORDER_CLASSES, ORDER_THRESHOLDED, ORDER_PATCH = 0.0, 1.0, 2.0, 3.0
-ORDER_NEVER_SEEN, ORDER_DISPLAY = -1.0, 2.5
+# What is drawn over what, from below. Up to the patch they are grids, each in a plane of its own.
+ORDER_NEVER_SEEN, ORDER_TILES, ORDER_CLASSES, ORDER_THRESHOLDED = -1.0, 0.0, 1.0, 2.0
+ORDER_DISPLAY, ORDER_PATCH = 3.0, 4.0
 ORDER_WALLS, ORDER_BORDERS, ORDER_PATH, ORDER_POINTS = 5.0, 6.0, 7.0, 8.0
 ORDER_SEGMENTS, ORDER_BEAM, ORDER_ROBOT, ORDER_PROBE = 9.0, 10.0, 11.0, 12.0
 ORDER_STAGES = 9.5
+
+# Grids whose planes are closer than a millimetre lie in one plane, for the viewer. Pictures of one
+# kind that touch in a plane count as transparent, however opaque they are; and among transparent
+# pictures of several kinds, the one farther from the middle of the view is drawn first, whatever
+# the order. So grids lie a millimetre apart, and the tiles of one a hair.
+_PLANE_M = 0.001
+TILE_SHRINKAGE = 3e-5
 
 Colour = tuple[int, int, int, int]
 
@@ -104,6 +111,11 @@ def class_colour_name(name: str, number: int) -> str:
     return words.get(name, f"pale {alone}" if name.endswith("empty") else alone)
 
 
+def plane_m(order: float) -> float:
+    """How far behind the patch, which is behind nothing, a grid of this drawing order lies."""
+    return _PLANE_M * (ORDER_PATCH - order)
+
+
 def layer_root(layer: str) -> str:
     """Where all of a layer lies; characters that mean something in a path are escaped."""
     return f"{MAP}/layers/{part(layer)}"
@@ -152,6 +164,11 @@ def beam(layer: str) -> str:
 def points(layer: str) -> str:
     """Obstacle points, one reading at a time."""
     return f"{layer_root(layer)}/points"
+
+
+def digit(trail: str, number: int) -> str:
+    """One row of those that make up a trail of dots."""
+    return f"{trail}/d{number}"
 
 
 def raw_points(layer: str) -> str:

@@ -8,10 +8,13 @@ the picture, never read back from it.
 from __future__ import annotations
 
 import functools
+import io
 import math
+import zlib
 
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from mapping.beams import Beam
 from replay.rrd import layout
@@ -71,6 +74,27 @@ def strength_names() -> list[Named]:
             alpha = 170 + 70 * level // (_LEVELS - 1)
             named.append((first + level, text, (*colour[:3], alpha)))
     return named
+
+
+def strength_png(classes: NDArray[np.uint8]) -> bytes:
+    """The picture of :func:`strength_classes` (rows, cols), in the colours of their names.
+
+    Runs of equal cells are all that is looked for, which takes half the time and comes out smaller.
+    """
+    rows, cols = classes.shape
+    picture = Image.frombytes("P", (cols, rows), np.ascontiguousarray(classes).tobytes())
+    palette, alphas = _strength_palette()
+    picture.putpalette(palette)
+    data = io.BytesIO()
+    picture.save(data, "PNG", transparency=alphas, compress_level=1, compress_type=zlib.Z_RLE)
+    return data.getvalue()
+
+
+@functools.cache
+def _strength_palette() -> tuple[bytes, bytes]:
+    """Red, green and blue of each class, and how opaque it is."""
+    colours = np.array([colour for _, _, colour in strength_names()], np.uint8)
+    return colours[:, :3].tobytes(), colours[:, 3].tobytes()
 
 
 def beam_outline(beam: Beam) -> list[NDArray[np.float64]]:

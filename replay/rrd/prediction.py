@@ -41,7 +41,7 @@ class PredictionCompanion:
         entity = layout.predicted_range(artifact.sensor)
         colour = canvas.colour(artifact.sensor)
         canvas.prepare(
-            entity, functools.partial(_set_up, name=f"{artifact.sensor}, by the map", colour=colour)
+            entity, functools.partial(_set_up, name=f"{artifact.sensor}, foretold", colour=colour)
         )
         # Where the map foretells nothing the plot has a gap; the number itself says inf.
         canvas.add(entity, columns.scalars, foretold if np.isfinite(foretold) else np.nan)

@@ -12,11 +12,12 @@ from mapping.beams import Beam
 from mapping.grid import Window
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
-from replay.rrd.columns import NOTHING, BeamRecord, Patch
-from replay.rrd.pictures import beam_outline, strength_classes
+from replay.rrd.columns import BeamRecord, Patch
+from replay.rrd.pictures import beam_outline, strength_classes, strength_png
 
 _ARROW_SHARE = 0.05  # of the grid's diagonal: long enough to be seen, whatever the grid
 _NO_STRIPS: list[NDArray[np.float64]] = []
+_NO_PATCH = Patch((0.0, 0.0), 1.0, strength_png(np.zeros((1, 1), np.uint8)))
 
 
 def draw_beam(canvas: Canvas, beam: Beam) -> None:
@@ -27,13 +28,12 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
     towards = length * np.array([np.cos(base.heading_rad), np.sin(base.heading_rad)])
     here = np.array([base.x_m, base.y_m])
     canvas.add(layout.ROBOT, columns.arrows, np.stack([here, towards]))
-    canvas.add(layout.PATH, columns.points, here[None])
+    canvas.leave(layout.PATH, here[None], scene.set_up_path)
     outline = beam_outline(beam)
     canvas.add_for_now(
         layout.beam(beam.layer), columns.strips, outline, _NO_STRIPS, sum(s.nbytes for s in outline)
     )
-    if beam.saw_something.any():
-        canvas.add(layout.points(beam.layer), columns.points, beam.points_m, beam.points_m.nbytes)
+    _draw_points(canvas, beam)
     _draw_range(canvas, beam)
     _record(canvas, beam)
 
@@ -64,8 +64,18 @@ def draw_change(canvas: Canvas, merged: MergedGrid) -> None:
 
 def _draw_patch(canvas: Canvas, entity: str, window: Window, classes: NDArray[np.uint8]) -> None:
     corner = layout.corner_m(canvas.geometry, window)
-    patch = Patch(corner, canvas.geometry.resolution_m, classes)
-    canvas.add_for_now(entity, columns.patches, patch, NOTHING, classes.nbytes)
+    patch = Patch(corner, canvas.geometry.resolution_m, strength_png(classes))
+    canvas.add_for_now(entity, columns.patches, patch, _NO_PATCH, len(patch.png))
+
+
+def _draw_points(canvas: Canvas, beam: Beam) -> None:
+    """A ranger's echoes gather; the points of a scan are many, and each scan stays a row."""
+    entity, points_m = layout.points(beam.layer), beam.points_m
+    if len(beam.ranges_m) > 1 and len(points_m):
+        canvas.add(entity, columns.points, points_m, points_m.nbytes)
+    elif len(points_m):
+        set_up = functools.partial(scene.set_up_points, colour=canvas.colour(beam.layer))
+        canvas.leave(entity, points_m, set_up)
 
 
 def _draw_range(canvas: Canvas, beam: Beam) -> None:

@@ -17,7 +17,7 @@ from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.columns import image_format
 from replay.rrd.layout import Colour, Tiling
-from replay.rrd.pictures import Named, percent_names, strength_names
+from replay.rrd.pictures import Named, percent_names
 from replay.rrd.words import LEGEND
 
 _MARKDOWN = "text/markdown"
@@ -40,9 +40,6 @@ def set_up(recording: rr.RecordingStream, started: Started, config_text: str) ->
             started.walls_m, colors=[layout.WALL], radii=-1.5, draw_order=layout.ORDER_WALLS
         )
         _static(recording, layout.WALLS, walls)
-    _static(recording, layout.PATH, rr.Points2D.from_fields(
-        colors=[layout.PATH_COLOUR], radii=[-1.5], draw_order=layout.ORDER_PATH
-    ))  # fmt: skip
     _static(recording, layout.ROBOT, rr.Arrows2D.from_fields(
         colors=[layout.ROBOT_COLOUR], radii=[-3.0], draw_order=layout.ORDER_ROBOT
     ))  # fmt: skip
@@ -59,18 +56,29 @@ def set_up_story(recording: rr.RecordingStream, entity: str) -> None:
 def set_up_layer(recording: rr.RecordingStream, layer: str, colour: Colour) -> None:
     """The styles of one layer's overlays and lines; its sensor's things are in ``colour``."""
     for patch in (layout.temp(layer), layout.change(layer)):
-        _colour_table(recording, patch, strength_names())
-        _static(recording, patch, rr.SegmentationImage.from_fields(
-            opacity=0.999, draw_order=layout.ORDER_PATCH
+        _static(recording, patch, rr.EncodedImage.from_fields(
+            media_type="image/png", opacity=0.999, draw_order=layout.ORDER_PATCH
         ))  # fmt: skip
-    _colour_table(recording, layout.merged(layer), percent_names())
+    set_up_opaque(recording, layout.merged(layer), percent_names())
     occupied = [(0, "", (0, 0, 0, 0)), (1, "above the threshold", layout.OCCUPIED)]
     _colour_table(recording, layout.thresholded(layer), occupied)
     _lines(recording, layout.beam(layer), colour, -1.5, layout.ORDER_BEAM)
     for entity in (layout.points(layer), layout.raw_points(layer)):
-        _static(recording, entity, rr.Points2D.from_fields(
-            colors=[colour], radii=[-1.75], draw_order=layout.ORDER_POINTS
-        ))  # fmt: skip
+        set_up_points(recording, entity, colour)
+
+
+def set_up_points(recording: rr.RecordingStream, entity: str, colour: Colour) -> None:
+    """The style of obstacle points."""
+    look = rr.Points2D.from_fields(colors=[colour], radii=[-1.75], draw_order=layout.ORDER_POINTS)
+    _static(recording, entity, look)
+
+
+def set_up_path(recording: rr.RecordingStream, entity: str) -> None:
+    """The style of where the robot was."""
+    look = rr.Points2D.from_fields(
+        colors=[layout.PATH_COLOUR], radii=[-1.5], draw_order=layout.ORDER_PATH
+    )
+    _static(recording, entity, look)
 
 
 def set_up_tile(
@@ -79,13 +87,14 @@ def set_up_tile(
 ) -> None:  # fmt: skip
     """Place and size of one tile, so that its rows hold nothing but cells."""
     geometry, window = tiling.geometry, tiling.window(*place)
-    corner = [*layout.corner_m(geometry, window), 0.0]
+    corner = [*layout.corner_m(geometry, window), layout.plane_m(order)]
+    scale = geometry.resolution_m * (1.0 - layout.TILE_SHRINKAGE)
     look = rr.SegmentationImage.from_fields(
         format=image_format((window.rows, window.cols)),
         opacity=1.0 if opaque else 0.999,
         draw_order=order,
     )
-    where = rr.Transform3D(translation=corner, scale=geometry.resolution_m)
+    where = rr.Transform3D(translation=corner, scale=scale)
     _static(recording, entity, where, look)
 
 
@@ -94,7 +103,8 @@ def set_up_never_seen(
 ) -> None:
     """One large cell of class ``number`` below all tiles: tiles exist only where there is more."""
     entity = layout.never_seen(root)
-    where = rr.Transform3D(translation=[*geometry.origin_m, 0.0], scale=[*geometry.size_m, 1.0])
+    corner = [*geometry.origin_m, layout.plane_m(layout.ORDER_NEVER_SEEN)]
+    where = rr.Transform3D(translation=corner, scale=[*geometry.size_m, 1.0])
     image = rr.SegmentationImage(
         np.full((1, 1), number, np.uint8), opacity=1.0, draw_order=layout.ORDER_NEVER_SEEN
     )
@@ -116,8 +126,7 @@ def set_up_segments(recording: rr.RecordingStream, entity: str, *, raw: bool) ->
 
 def set_up_two_classes(recording: rr.RecordingStream, root: str, first: str, second: str) -> None:
     """Names of the cells of a black and white picture: the first are light, the second dark."""
-    named = [(0, first, layout.PAPER), (1, second, layout.INK)]
-    _colour_table(recording, root, named)
+    set_up_opaque(recording, root, [(0, first, layout.PAPER), (1, second, layout.INK)])
 
 
 def set_up_strips(recording: rr.RecordingStream, entity: str, colour: Colour) -> None:
@@ -147,8 +156,19 @@ def set_up_sensor(recording: rr.RecordingStream, entity: str, *, name: str, colo
 def set_up_classes(recording: rr.RecordingStream, _: str, *, names: Sequence[str]) -> None:
     """Names and colours of the class map."""
     named = [(number, name, layout.class_colour(name, number)) for number, name in enumerate(names)]
-    _colour_table(recording, layout.CLASSES, named)
+    set_up_opaque(recording, layout.CLASSES, named)
     _static(recording, layout.CLASSES, rr.AnyValues(names=list(names)))
+
+
+def set_up_opaque(recording: rr.RecordingStream, entity: str, named: Sequence[Named]) -> None:
+    """Names and colours of a grid's numbers, all opaque.
+
+    One colour that is not, even of a number that no cell has, and the viewer draws it all as
+    transparent (see :mod:`replay.rrd.layout`); so each byte gets one.
+    """
+    known = {number for number, _, _ in named}
+    others = [(number, "", layout.NEVER_SEEN) for number in range(256) if number not in known]
+    _colour_table(recording, entity, [*named, *others])
 
 
 def _colour_table(recording: rr.RecordingStream, entity: str, named: Sequence[Named]) -> None:

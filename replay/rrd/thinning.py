@@ -1,10 +1,13 @@
 """Keep a recording within its budget by leaving things out, and say what was left out.
 
 What a reading costs is known only once some are written. So the writer reports the size of the
-file from time to time. Where the rest of the session would not fit, the next stage is taken: the
+file from time to time. Where the rest of the session would not fit, a later stage is taken: the
 exact values are kept at fewer readings where they are what takes the room, then the differences
 are not drawn, then fewer readings are shown. Where it turns out cheaper, stages are taken back.
 All readings are mapped in any case.
+
+The first readings cost the most: everything they see is new. What is left out cannot be had back,
+so early on the rest may seem to be somewhat too much before anything is.
 """
 
 from __future__ import annotations
@@ -40,6 +43,10 @@ _WHERE_EXACT_IS_CHEAP = (
 )
 _DEAR = 0.4  # share of what is written
 _RESERVE = 0.05  # of the budget, for what cannot be foreseen
+_REMEMBERED = 0.6  # of what a reading cost at another stage, from the begin to the end
+# Until this part of the session is done, or this part of the budget used, nothing is known yet.
+_EARLY, _LITTLE = 0.02, 0.1
+_PATIENCE = 0.6  # by how much the rest may seem too much at the very beginning; less and less later
 
 
 @dataclass(slots=True)
@@ -51,11 +58,13 @@ class Thinning:
     left_out: str = ""
     _stages: tuple[_Stage, ...] = _WHERE_EXACT_IS_DEAR
     _stage: int = 0
-    _costs: dict[int, float] = field(default_factory=dict)  # bytes a reading, by stage
+    _costs: dict[int, float] = field(default_factory=dict)
     _strictest: tuple[int, _Stage] = (0, _WHERE_EXACT_IS_DEAR[0])
     _seen: int = 0
     _seen_then: int = 0
     _bytes_then: int = 0
+    _owed_then: int = 0
+    _done_then: float = 0.0
     _shown_now: bool = field(default=True)
 
     def next_is_shown(self) -> bool:
@@ -98,17 +107,18 @@ class Thinning:
         if not seen or not 0.0 < done < 1.0:
             return ""
         to_come = self._seen * (1.0 - done) / done
-        room = max(self.budget_bytes * (1.0 - _RESERVE) - size_bytes - owed_bytes, 0.0)
         before = self._stage
         if before == 0:
             self._choose_stages(exact_share)
-        self._costs[before] = grown / seen
-        cost = self._costs[before] * to_come
-        if cost > room:
-            stages = 2 if cost > 3.0 * room else 1
-            self._stage = min(before + stages, len(self._stages) - 1)
-        elif before and self._cost_before(before) * to_come < room:
-            self._stage = before - 1
+        cost = self._remember(grown / seen, done)
+        owed_bytes += self._growth_of_owed(owed_bytes, done)
+        room = max(self.budget_bytes * (1.0 - _RESERVE) - size_bytes - owed_bytes, 0.0)
+        if done < _EARLY and size_bytes < _LITTLE * self.budget_bytes:
+            return ""
+        if cost * to_come > room * (1.0 + _PATIENCE * (1.0 - done)):
+            self._stage = self._later_stage(cost, room / to_come)
+        else:
+            self._stage = self._earlier_stage(cost, room / to_come)
         if self._stage == before:
             return ""
         now = self._stages[self._stage]
@@ -119,16 +129,50 @@ class Thinning:
             return "From here on nothing is left out again."
         return self._sentence(now, "from here on")
 
+    def _growth_of_owed(self, owed_bytes: int, done: float) -> int:
+        """How much more the end will add, if the map goes on growing as it did lately.
+
+        Twice as much at most: a map grows fast at first.
+        """
+        owed_then, done_then = self._owed_then, self._done_then
+        self._owed_then, self._done_then = owed_bytes, done
+        if done_then == 0.0 or done <= done_then:
+            return 0
+        growth = (owed_bytes - owed_then) * (1.0 - done) / (done - done_then)
+        return int(min(max(growth, 0.0), owed_bytes))
+
     def _choose_stages(self, exact_share: float) -> None:
         stages = _WHERE_EXACT_IS_DEAR if exact_share > _DEAR else _WHERE_EXACT_IS_CHEAP
         if stages is not self._stages:
             self._stages = stages
             self._costs.clear()
 
-    def _cost_before(self, stage: int) -> float:
-        """What a reading costs a stage earlier: what it did cost, or a guess if that is more."""
-        guess = self._costs[stage] * self._stages[stage].saves
-        return max(self._costs.get(stage - 1, 0.0), guess)
+    def _remember(self, cost: float, done: float) -> float:
+        """What a reading cost at each stage when it was tried; the longer ago, the less it says."""
+        for stage in self._costs:
+            self._costs[stage] *= _REMEMBERED ** (done - self._done_then)
+        self._costs[self._stage] = cost
+        return cost
+
+    def _later_stage(self, cost: float, most: float) -> int:
+        """The first stage, after the one that costs so much now, that may cost ``most`` or less."""
+        stage = self._stage
+        while stage < len(self._stages) - 1:
+            stage += 1
+            cost /= self._stages[stage].saves
+            if cost <= most:
+                break
+        return stage
+
+    def _earlier_stage(self, cost: float, most: float) -> int:
+        """The first stage, up to the one that costs so much now, that may cost ``most`` or less."""
+        stage = self._stage
+        while stage:
+            cost = max(cost * self._stages[stage].saves, self._costs.get(stage - 1, 0.0))
+            if cost > most:
+                break
+            stage -= 1
+        return stage
 
     def _exact_every(self, stage: _Stage) -> int:
         return self.every * max(stage.exact, stage.every)

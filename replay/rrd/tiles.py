@@ -9,16 +9,19 @@ from __future__ import annotations
 from typing import TypeVar
 
 import numpy as np
+import pyarrow as pa
 from numpy.typing import NDArray
 
-from mapping.grid import Window
+from mapping.grid import Window, start_of
 from mapping.update_rules import UPDATE_RULES
 from mapping.update_rules.rules import share_of_largest
-from replay.rrd.history_track import STARTS
 from replay.rrd.layout import Tiling
 from replay.rrd.pictures import UNSEEN, percent_classes
 
 Place = tuple[int, int]
+
+_CODEC = pa.Codec("lz4_raw")  # as the file packs
+_TRIED_TILES = 16
 T = TypeVar("T", bound=np.generic)
 
 
@@ -26,7 +29,7 @@ def start_value(kind: str, rule: str) -> float:
     """What a cell holds before any reading, by the rule itself where it is known."""
     known = UPDATE_RULES.get(rule)
     if known is None or known.kind != kind:
-        return STARTS.get(kind, 0.0)
+        return start_of(kind)
     cells = {name: np.full((1, 1), value) for name, value in known.start.items()}
     return float(np.float32(known.values(cells)[0, 0]))
 
@@ -109,6 +112,17 @@ class LayerTiles:
         """The file holds all values now, though not as whole tiles."""
         self._stale |= self._inexact
         self._inexact[:] = False
+
+    def packed_tiles(self) -> tuple[int, float]:
+        """How many tiles hold cells that were seen, and about how many bytes their values take."""
+        windows = (self.tiling.window(*place) for place in self.tiling)
+        seen = [window for window in windows if self.observed[window.slices].any()]
+        tried = seen[:: -(-len(seen) // _TRIED_TILES) or 1]
+        sizes = [
+            len(_CODEC.compress(self.values[window.slices].tobytes(), asbytes=True))
+            for window in tried
+        ]
+        return len(seen), len(seen) * sum(sizes) / max(len(sizes), 1)
 
     @property
     def exact(self) -> bool:

@@ -33,8 +33,8 @@ LEGEND = """\
 **The map** (grey): white is free, black is occupied, blue-grey was never seen. Point at a cell to
 read its probability.
 
-**One reading** (over the map): red cells become fuller, blue cells emptier; the stronger the
-colour, the more the reading says.
+**One reading** (over the map): red cells become fuller (more likely occupied), blue ones emptier;
+the stronger the colour, the more the reading says.
 
 **Lines**: the sensor's colour is the beam and its obstacle points, teal the robot and its path,
 green the true walls where they are known. At the end of a run: yellow are cells above the
@@ -42,12 +42,13 @@ threshold, orange their borders, magenta the straight lines fitted to them, viol
 raw points.
 
 **Classes** (at the end): black where the sensors agree on occupied, white where they agree on
-empty, red where they contradict each other. One sensor alone: a full colour for occupied, a pale
-one for empty.
+empty, red where they contradict each other. What one sensor alone saw has its colour: full where
+occupied, pale where empty.
+
+**Ranges** (the plot): what was measured, and paler what the map so far had foretold.
 
 **Keys**: the arrow keys go one step back or forward. The timeline `step` shows one thing at a
-time, `reading` a whole reading at once. The tab *What changed* shows how much each reading moved
-the map.
+time, `reading` a whole reading. Ctrl and the wheel zoom, dragging moves, a double click shows all.
 """
 
 
@@ -135,7 +136,7 @@ def _temp(temp: TempGrid) -> str:
     in_band, most, in_front, least = said_of(temp.probability, temp.front, temp.band)
     if not in_band and not in_front:
         return f"## Reading {temp.beam.number} says nothing\n\nIt touches no cell of the map."
-    lines = [f"## What reading {temp.beam.number} says of each cell\n"]
+    lines = [f"## Reading {temp.beam.number}: what {temp.beam.sensor} says of each cell\n"]
     if in_band:
         lines.append(
             f"- **Red, {in_band:,} cells**: the obstacle may be here. Probability of being "

@@ -47,6 +47,7 @@ _DISK_MARGIN_BYTES = 1_000_000
 _FLUSH_S = 120.0  # far longer than any disk takes
 _INDEX_COST = 1600  # bytes of the file's own index at its end for each chunk, roughly
 _CHUNK_COST = 1200  # bytes of a chunk without what it holds
+_PICTURES_SHARE = 0.15  # of a map's values, for what is drawn of it at the end
 _END_COST = 100_000  # bytes of what else comes at the end
 _FIRST_REVIEW = 50  # readings
 
@@ -68,7 +69,7 @@ class RrdWriter:
         name: str,
         every: int = 1,
         budget_mb: float = 100.0,
-        flush_readings: int = 400,
+        flush_readings: int = 1600,
         companions: Sequence[Companion] = (),
     ) -> None:
         self.path = Path(path)
@@ -277,13 +278,15 @@ class RrdWriter:
 
     def _owed_bytes(self) -> int:
         """What the exact values of all layers will take at the end, and the file's own index."""
-        layers = self._canvas.layers.values()
-        seen = [int(state.observed.sum()) for state in layers]
-        tiles = sum(1 for state in layers for _ in state.tiling)
-        # Each layer is written some 5 times more: what never changes of its tiles, their picture,
-        # values, cells above the threshold, classes. A picture takes a part of what values do.
+        layers = [state.packed_tiles() for state in self._canvas.layers.values()]
+        counts, sizes = [tiles for tiles, _ in layers], [size for _, size in layers]
+        # Fused, there is about one layer more. Each is written some 5 times: what never changes of
+        # its tiles, values, picture, cells above the threshold, classes. All but the values are
+        # bytes where these are floats, and pack better.
+        tiles = sum(counts) + max(counts, default=0)
+        values = sum(sizes) + max(sizes, default=0.0)
         chunks = _INDEX_COST * (self._canvas.chunks + 5 * tiles) + _CHUNK_COST * 5 * tiles
-        return int(4.5 * (sum(seen) + max(seen, default=0))) + chunks + _END_COST
+        return int((1.0 + _PICTURES_SHARE) * values) + chunks + _END_COST
 
     def _flush(self) -> None:
         """Hand everything to the file and wait until it is written.
