@@ -91,9 +91,12 @@ def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
         before = rule.probability(here, most).copy()
         rule.merge(here, temp)
         rise = rule.probability(here, most) - before
+        passed, hit = axis_cells(temp)
         sunk = temp.band & (temp.probability > 0.5) & (rise < -ROUNDING)
+        if rule.kind == "certainty":  # goes by the axis alone, which runs into the band a little
+            sunk &= ~passed
         # The centre of the obstacle's own cell may lie in front of the band: that says nothing.
-        front = temp.front & ~axis_cells(temp)[1]
+        front = temp.front & ~hit
         risen = front & (temp.probability < 0.5) & (rise > ROUNDING)
         for wrong, words in ((sunk, "occupied: the probability sank"), (risen, "empty: it rose")):
             if wrong.any():
