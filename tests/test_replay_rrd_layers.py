@@ -64,7 +64,7 @@ def test_grids_lie_apart_in_their_drawing_order(
         },
         "thresholded": {z for e, p in places(rows).items() if "/thresholded/" in e for *_, z in p},
         "display": {z for e, p in places(rows).items() if "/pictures" in e for *_, z in p},
-        "patch": {z for e, p in places(rows).items() if e.endswith("/temp") for *_, z in p},
+        "patch": {z for e, p in places(rows).items() if "/temp/p" in e for *_, z in p},
     }
     assert [len(each) for each in depths.values()] == [1] * len(depths)
     millimetres = [1000.0 * each.pop() for each in depths.values()]
@@ -140,16 +140,27 @@ def test_a_trail_shows_all_dots_at_any_time_and_writes_each_a_few_times(sizes: l
 
 
 @settings(deadline=None, max_examples=40)
-@given(rows=st.integers(1, 40), cols=st.integers(1, 40), seed=st.integers(0, 2**31))
-def test_a_patch_has_the_colours_of_its_classes(rows: int, cols: int, seed: int) -> None:
+@given(
+    rows=st.integers(1, 40),
+    cols=st.integers(1, 40),
+    extra=st.integers(0, 9),
+    seed=st.integers(0, 2**31),
+)
+def test_a_patch_has_the_colours_of_its_classes(
+    rows: int, cols: int, extra: int, seed: int
+) -> None:
     random = np.random.default_rng(seed)
     classes = strength_classes(
         random.uniform(-0.5, 0.5, (rows, cols)), random.random((rows, cols)) < 0.7
     )
-    picture = np.asarray(Image.open(io.BytesIO(strength_png(classes))).convert("RGBA"))
+    side = max(rows, cols) + extra
+    picture = np.asarray(Image.open(io.BytesIO(strength_png(classes, side))).convert("RGBA"))
     table = {number: colour for number, _, colour in strength_names()}
     expected = np.array([[table[int(each)] for each in row] for row in classes], np.uint8)
-    assert np.array_equal(picture, expected)
+    assert picture.shape == (side, side, 4)
+    assert np.array_equal(picture[:rows, :cols], expected)
+    assert not picture[rows:, :, 3].any()
+    assert not picture[:, cols:, 3].any()
 
 
 def test_what_whole_tiles_will_take_is_told_from_some_of_them() -> None:

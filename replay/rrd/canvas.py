@@ -65,9 +65,9 @@ class Canvas:
         self._vanishing[entity] = (pack, nothing)
 
     def wipe(self, entity: str | None = None) -> None:
-        """Take away what was drawn for now: of one entity, or all of it."""
-        for gone in list(self._vanishing) if entity is None else [entity]:
-            if gone in self._vanishing:
+        """Take away what was drawn for now: of one entity and below it, or all of it."""
+        for gone in list(self._vanishing):
+            if entity is None or gone == entity or gone.startswith(f"{entity}/"):
                 pack, nothing = self._vanishing.pop(gone)
                 self.add(gone, pack, nothing)
 

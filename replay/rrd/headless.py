@@ -24,6 +24,7 @@ from replay.rrd.viewer_process import NEEDS_DRIVER, ViewerProcess, until
 __all__ = ["NEEDS_DRIVER", "HeadlessViewer"]
 
 _LOAD_S, _PAINT_S, _ANSWER_S = 120.0, 0.4, 120.0
+_WELL_KNOWN = ("Software rasterizer", "load examples")
 T = TypeVar("T")
 
 
@@ -87,12 +88,21 @@ class HeadlessViewer:
 
     @property
     def complaints(self) -> list[str]:
-        """What any view reported as wrong with what it shows."""
-        return [
+        """What any view reported as wrong with what it shows, and what the viewer warned of.
+
+        Not that it draws slowly or has no network: that is meant to be so.
+        """
+        reports = [
             f"{view.name}: {report.severity} {report.summary}"
             for view in self._ask(self._client.get_state).views
             for report in view.reports
         ]
+        warnings = [
+            f"{entry.level} {entry.message}"
+            for entry in self._ask(self._client.get_logs)
+            if entry.level != "INFO" and not any(each in entry.message for each in _WELL_KNOWN)
+        ]
+        return reports + warnings
 
     def go_to(self, step: int, timeline: str = "step", *, paint_s: float = _PAINT_S) -> None:
         """Move the viewer to a step, paused, and give it so long to paint."""

@@ -151,6 +151,11 @@ def temp(layer: str) -> str:
     return f"{layer_root(layer)}/temp"
 
 
+def sized(patches: str, side: int) -> str:
+    """Patches of one size; the viewer complains of compressed pictures that change theirs."""
+    return f"{patches}/p{side}"
+
+
 def change(layer: str) -> str:
     """What the newest reading changed, over the map."""
     return f"{layer_root(layer)}/what_changed"

@@ -76,13 +76,15 @@ def strength_names() -> list[Named]:
     return named
 
 
-def strength_png(classes: NDArray[np.uint8]) -> bytes:
+def strength_png(classes: NDArray[np.uint8], side: int) -> bytes:
     """The picture of :func:`strength_classes` (rows, cols), in the colours of their names.
 
-    Runs of equal cells are all that is looked for, which takes half the time and comes out smaller.
+    It has ``side`` rows and columns; what is more than the classes have is transparent. Runs of
+    equal cells are all that is looked for, which takes half the time and comes out smaller.
     """
-    rows, cols = classes.shape
-    picture = Image.frombytes("P", (cols, rows), np.ascontiguousarray(classes).tobytes())
+    square = np.zeros((side, side), np.uint8)
+    square[: classes.shape[0], : classes.shape[1]] = classes
+    picture = Image.frombytes("P", (side, side), square.tobytes())
     palette, alphas = _strength_palette()
     picture.putpalette(palette)
     data = io.BytesIO()

@@ -17,7 +17,7 @@ from replay.rrd.pictures import beam_outline, strength_classes, strength_png
 
 _ARROW_SHARE = 0.05  # of the grid's diagonal: long enough to be seen, whatever the grid
 _NO_STRIPS: list[NDArray[np.float64]] = []
-_NO_PATCH = Patch((0.0, 0.0), 1.0, strength_png(np.zeros((1, 1), np.uint8)))
+_SMALLEST_SIDE = 32  # of a patch, in cells
 
 
 def draw_beam(canvas: Canvas, beam: Beam) -> None:
@@ -27,7 +27,8 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
     length = _ARROW_SHARE * float(np.hypot(*canvas.geometry.size_m))
     towards = length * np.array([np.cos(base.heading_rad), np.sin(base.heading_rad)])
     here = np.array([base.x_m, base.y_m])
-    canvas.add(layout.ROBOT, columns.arrows, np.stack([here, towards]))
+    # It ends at the robot: in front of it, it would cover what a near reading says.
+    canvas.add(layout.ROBOT, columns.arrows, np.stack([here - towards, towards]))
     canvas.leave(layout.PATH, here[None], scene.set_up_path)
     outline = beam_outline(beam)
     canvas.add_for_now(
@@ -63,9 +64,32 @@ def draw_change(canvas: Canvas, merged: MergedGrid) -> None:
 
 
 def _draw_patch(canvas: Canvas, entity: str, window: Window, classes: NDArray[np.uint8]) -> None:
+    """Draw classes; of the size that their window needs, which the entity's others have, too."""
+    side = _side_for(max(window.rows, window.cols))
+    sized = layout.sized(entity, side)
+    canvas.prepare(sized, scene.set_up_patches)
     corner = layout.corner_m(canvas.geometry, window)
-    patch = Patch(corner, canvas.geometry.resolution_m, strength_png(classes))
-    canvas.add_for_now(entity, columns.patches, patch, _NO_PATCH, len(patch.png))
+    patch = Patch(corner, canvas.geometry.resolution_m, strength_png(classes, side))
+    canvas.add_for_now(sized, columns.patches, patch, _nothing(canvas, side), len(patch.png))
+
+
+def _side_for(cells: int) -> int:
+    """The next larger of 32, 48, 64, 96, 128 ...: few sizes, and none far too large."""
+    side = _SMALLEST_SIDE
+    while side < cells:
+        side = side * 3 // 2 if side & (side - 1) == 0 else side * 4 // 3
+    return side
+
+
+def _nothing(canvas: Canvas, side: int) -> Patch:
+    """A clear picture, so small that nobody points at it by chance."""
+    geometry = canvas.geometry
+    return Patch(geometry.origin_m, geometry.resolution_m / 1000.0, _clear_png(side))
+
+
+@functools.cache
+def _clear_png(side: int) -> bytes:
+    return strength_png(np.zeros((1, 1), np.uint8), side)
 
 
 def _draw_points(canvas: Canvas, beam: Beam) -> None:

@@ -55,16 +55,20 @@ def set_up_story(recording: rr.RecordingStream, entity: str) -> None:
 
 def set_up_layer(recording: rr.RecordingStream, layer: str, colour: Colour) -> None:
     """The styles of one layer's overlays and lines; its sensor's things are in ``colour``."""
-    for patch in (layout.temp(layer), layout.change(layer)):
-        _static(recording, patch, rr.EncodedImage.from_fields(
-            media_type="image/png", opacity=0.999, draw_order=layout.ORDER_PATCH
-        ))  # fmt: skip
     set_up_opaque(recording, layout.merged(layer), percent_names())
     occupied = [(0, "", (0, 0, 0, 0)), (1, "above the threshold", layout.OCCUPIED)]
     _colour_table(recording, layout.thresholded(layer), occupied)
     _lines(recording, layout.beam(layer), colour, -1.5, layout.ORDER_BEAM)
     for entity in (layout.points(layer), layout.raw_points(layer)):
         set_up_points(recording, entity, colour)
+
+
+def set_up_patches(recording: rr.RecordingStream, entity: str) -> None:
+    """The style of pictures of what a reading says or changed."""
+    look = rr.EncodedImage.from_fields(
+        media_type="image/png", opacity=0.999, draw_order=layout.ORDER_PATCH
+    )
+    _static(recording, entity, look)
 
 
 def set_up_points(recording: rr.RecordingStream, entity: str, colour: Colour) -> None:

@@ -37,18 +37,17 @@ read its probability.
 the stronger the colour, the more the reading says.
 
 **Lines**: the sensor's colour is the beam and its obstacle points, teal the robot and its path,
-green the true walls where they are known. At the end of a run: yellow are cells above the
-threshold, orange their borders, magenta the straight lines fitted to them, violet those fitted to
-raw points.
+green the true walls where they are known. At the end: yellow are cells above the threshold, orange
+their borders, magenta the straight lines fitted to them, violet those fitted to raw points.
 
 **Classes** (at the end): black where the sensors agree on occupied, white where they agree on
 empty, red where they contradict each other. What one sensor alone saw has its colour: full where
 occupied, pale where empty.
 
-**Ranges** (the plot): what was measured, and paler what the map so far had foretold.
+**Ranges**: measured, and paler what the map so far foretold.
 
-**Keys**: the arrow keys go one step back or forward. The timeline `step` shows one thing at a
-time, `reading` a whole reading. Ctrl and the wheel zoom, dragging moves, a double click shows all.
+**Keys**: arrows go one step on or back: in `step` one thing, in `reading` a whole reading.
+Ctrl and the wheel zoom, dragging moves, a double click shows all.
 """
 
 
