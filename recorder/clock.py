@@ -101,10 +101,11 @@ class DeviceClock:
         offset_ns = arrival_ns - device_ns
         self._remember(_LeastDelay(device_ns, offset_ns))
         newest_ns = self._least[-1].device_ns
-        for least in self._least:
-            if newest_ns - least.device_ns <= _OFFSET_WINDOW_NS:
-                carried_ns = least.offset_ns + round(self._drift * (device_ns - least.device_ns))
-                offset_ns = min(offset_ns, carried_ns)
+        for least in reversed(self._least):
+            if newest_ns - least.device_ns > _OFFSET_WINDOW_NS:
+                break
+            carried_ns = least.offset_ns + round(self._drift * (device_ns - least.device_ns))
+            offset_ns = min(offset_ns, carried_ns)
         return Estimate(device_ns + offset_ns, restarted, in_step_ms)
 
     def forget(self) -> None:

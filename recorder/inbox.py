@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import queue
 import sys
@@ -40,11 +41,15 @@ class Inbox(Generic[T]):
     def __enter__(self) -> Self:
         self._switch_s = sys.getswitchinterval()
         sys.setswitchinterval(min(self._switch_s, _SWITCH_S))
+        # What was imported is not looked through again for garbage: all threads would stand still
+        # for 50 ms, and longer on a busy machine, and a fast line fills its buffer meanwhile.
+        gc.freeze()
         for thread in self._threads:
             thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
+        gc.unfreeze()
         sys.setswitchinterval(self._switch_s)
         self._halt.set()
         self._left.set()

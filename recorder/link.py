@@ -9,6 +9,8 @@ from __future__ import annotations
 import contextlib
 import enum
 import errno
+import os
+import select
 import socket
 import threading
 import time
@@ -190,9 +192,14 @@ class _SerialPort:
                 self._serial.write_timeout = _WRITE_S
         except ValueError as error:
             raise OSError(str(error)) from None
+        self._descriptor: int | None = None
+        if os.name == "posix" and "://" not in url:
+            self._descriptor = self._serial.fileno()
 
     def read(self) -> bytes:
         # never readline(): it hands out half a line when time runs out, and reads byte by byte
+        if self._descriptor is not None:
+            return _read_now(self._descriptor)
         data: bytes = self._serial.read(1)
         if data:
             # a hang-up shows here first; what came before it is kept, the next read says why
@@ -205,6 +212,20 @@ class _SerialPort:
 
     def close(self) -> None:
         self._serial.close()
+
+
+def _read_now(descriptor: int) -> bytes:
+    """What waits, in one look and one read: each costs a wait for Python's lock."""
+    ready, _, _ = select.select([descriptor], [], [], _WAIT_S)
+    if not ready:
+        return b""
+    try:
+        data = os.read(descriptor, MAX_CHUNK_BYTES)
+    except BlockingIOError:
+        return b""
+    if not data:  # something is to be read, and it is the end
+        raise OSError(errno.EIO, "the device is gone")
+    return data
 
 
 class _TcpPort:
@@ -299,11 +320,12 @@ def _opener(url: str, baud: int) -> Callable[[], Port]:
 
 
 _ADVICE: Mapping[int, str] = {
-    errno.ENOENT: "there is no such device (is it plugged in?)",
+    errno.ENOENT: "there is no such device (is it plugged in? echogrid ports lists what is there)",
     errno.EACCES: "no permission (on Linux, join the group dialout)",
     errno.EBUSY: "another program uses it",
     errno.EAGAIN: "another program uses it",
     errno.ENOTTY: "it is not a serial device",
+    errno.EISDIR: "it is not a serial device",
     errno.ECONNREFUSED: "nobody listens there",
     errno.EADDRINUSE: "another program uses this port",
     errno.EIO: "the device is gone",
@@ -312,5 +334,8 @@ _ADVICE: Mapping[int, str] = {
 
 def _reason(error: OSError) -> str:
     """An error of the system in a few words, in one line."""
-    advice = _ADVICE.get(error.errno) if error.errno is not None else None
+    number, cause = error.errno, error.__context__
+    if number is None and cause is not None and cause.args:  # pyserial tells it in words alone
+        number = cause.args[0]
+    advice = _ADVICE.get(number) if isinstance(number, int) else None
     return advice or " ".join(str(error.strerror or error).split())

@@ -1,8 +1,10 @@
-"""May a file be written there? Asked before anything is opened, so that nothing is lost."""
+"""May a file be written there, and how: so that nothing is lost and no half file bears the name."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from recorder.errors import BadInput, OutputExists
@@ -20,3 +22,17 @@ def check_output(output: Path, inputs: Iterable[Path] = (), *, force: bool) -> N
             raise BadInput(f"{output} is an input as well: choose another output")
     if not force:
         raise OutputExists(output)
+
+
+@contextmanager
+def written_beside(path: Path) -> Iterator[Path]:
+    """A name beside ``path`` to write to; what stands there takes ``path``'s place at the end.
+
+    Where anything is raised meanwhile, ``path`` stays as it was and nothing is left beside it.
+    """
+    part = path.with_name(path.name + ".part")
+    try:
+        yield part
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)

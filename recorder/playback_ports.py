@@ -9,7 +9,6 @@ import contextlib
 import os
 import select
 import socket
-import sys
 import threading
 import time
 import typing
@@ -137,11 +136,9 @@ class PseudoTerminalOutlet:
         return any(event & select.POLLHUP for _, event in poller.poll(0))
 
     def _unread(self) -> int:
-        import fcntl
-        import termios
+        from recorder.simulator.pseudo_terminal import unread_bytes
 
-        answer = fcntl.ioctl(self._theirs, termios.FIONREAD, bytes(4))
-        return int.from_bytes(answer, sys.byteorder)
+        return unread_bytes(self._theirs)
 
 
 class SocketOutlet:

@@ -16,6 +16,8 @@ from recorder.errors import BadInput
 def run_file(path: Path) -> ModuleType:
     """Run a Python file; raises BadInput, with the line, when it cannot be read or run."""
     name = f"echogrid_plugin_{path.stem}"
+    if path.is_dir():
+        raise BadInput(f"{path}: a folder, not a Python file")
     if not path.is_file():
         raise BadInput(f"{path}: no such file")
     spec = importlib.util.spec_from_file_location(name, path)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import BASE_FRAME, Radiation, Transform
+from recorder.names import FRAME_NAME
 from recorder.odometry import WheelGeometry
 from recorder.sensors import BUILT_IN_SENSORS, SensorParameters
 from recorder.session import Limits
-
-_FRAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +34,7 @@ class RecordingOptions:
     wheels: WheelGeometry | None = None
     walls: bytes | None = None
     source_name: str = ""  # what the session calls the source, when not as it is opened
+    source_damage: tuple[str, ...] = ()  # what cannot be read of a session that is played again
     limits: Limits = field(default_factory=Limits)
     force: bool = False
 
@@ -83,12 +82,15 @@ def parse_sensor(text: str) -> tuple[str, SensorParameters]:
     radiation = Radiation.ULTRASOUND if numbers == what else Radiation.INFRARED
     beam_deg, min_m, max_m = _numbers(numbers, f"--sensor {text}", wanted)
     if not (0.0 < beam_deg <= 360.0 and 0.0 <= min_m < max_m):
-        raise BadInput(f"--sensor {text}: no sensor is like that")
+        raise BadInput(
+            f"--sensor {text}: no sensor is like that: BEAM_DEG is above 0 and at most 360, "
+            "MIN_M is below MAX_M"
+        )
     return name, SensorParameters(math.radians(beam_deg), min_m, max_m, radiation)
 
 
 def _check_name(name: str, given: str) -> None:
-    if not _FRAME.fullmatch(name):
+    if not FRAME_NAME.fullmatch(name):
         raise BadInput(
             f"{given}: {name!r} is no name; one begins with a letter and goes on with letters, "
             "digits and _, 32 at most"

@@ -12,7 +12,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from importlib import metadata
 from pathlib import Path
 
 from recorder.clock import HostClock
@@ -34,6 +33,7 @@ from recorder.sensors import BUILT_IN_SENSORS
 from recorder.session import WALLS, PartedWriter, read_session
 from recorder.tracker import PoseSource, open_tracker
 from recorder.translation import RecordingCounters
+from recorder.versions import own_version
 
 SIMULATED = "sim:"
 REPLAYED = "replay:"
@@ -59,7 +59,7 @@ def record_line(
     link: Link | ReplayedLink
     tracker: PoseSource | None = None
     if source.startswith(REPLAYED):
-        playback = playback_of(read_session(Path(source.removeprefix(REPLAYED))).records)
+        playback = playback_of(read_session(_replayed_file(source)).records)
         link, tracker = replayed(playback, clock=clock)
     else:
         link = Link(source, baud=options.baud or protocol.default_baud, clock=clock)
@@ -85,9 +85,11 @@ def record_line(
 
 def recorded_input(source: str) -> tuple[Path, ...]:
     """The session that a source plays again, if it does."""
-    if not source.startswith(REPLAYED):
-        return ()
-    return (Path(source.removeprefix(REPLAYED)),)
+    return (_replayed_file(source),) if source.startswith(REPLAYED) else ()
+
+
+def _replayed_file(source: str) -> Path:
+    return Path(source.removeprefix(REPLAYED))
 
 
 @contextmanager
@@ -111,8 +113,7 @@ def opened_source(
     from recorder.simulator.rooms import load_room
     from recorder.simulator.serial_robot import SerialRobot
 
-    if options.tracker is not None or options.wheels is not None or options.mounts:
-        raise BadInput(f"{source} brings its own tracker, wheels and mounts")
+    _check_untold(source, options)
     room = load_room(source.removeprefix(SIMULATED))
     columns = options.columns or (CSV_COLUMNS if options.protocol == "csv" else None)
     with SerialRobot(room, seed=seed, speed=speed, protocol=options.protocol) as robot:
@@ -126,11 +127,16 @@ def opened_source(
         )  # fmt: skip
 
 
-def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
-    """What the replayed session says of its robot."""
+def _check_untold(source: str, options: RecordingOptions) -> None:
+    """Nothing is told of a robot that tells it itself."""
     if options.tracker is not None or options.wheels is not None or options.mounts:
         raise BadInput(f"{source} brings its own tracker, wheels and mounts")
-    session = read_session(Path(source.removeprefix(REPLAYED)))
+
+
+def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
+    """What the replayed session says of its robot."""
+    _check_untold(source, options)
+    session = read_session(_replayed_file(source))
     wheels, columns = wheels_of(session.metadata), session.metadata.get("columns")
     raw = any(isinstance(record.message, RawLine) for record in session.records)
     return replace(
@@ -139,6 +145,7 @@ def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
         columns=str(columns) if raw and columns else options.columns,
         wheels=None if wheels is None else WheelGeometry(**wheels),
         mounts=mounts_of(session.records), walls=session.attachments.get(WALLS),
+        source_damage=tuple(f"{_replayed_file(source)}: {reason}" for reason in session.damage),
     )  # fmt: skip
 
 
@@ -158,7 +165,7 @@ def _described(source: str, options: RecordingOptions, protocol: Protocol) -> di
             }
             for name, sensor in {**BUILT_IN_SENSORS, **options.sensors}.items()
         },
-        "versions": {"echogrid": metadata.version("echogrid"), "python": sys.version.split()[0]},
+        "versions": {"echogrid": own_version(), "python": sys.version.split()[0]},
     }
     if not protocol.checked:
         described["unchecked"] = f"{protocol.name} has no checksum: a damaged number may pass"

@@ -7,6 +7,7 @@ read is decoded with the definition that its file carries, never with an assumed
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable
 from functools import cache
 from typing import Any
@@ -14,6 +15,7 @@ from typing import Any
 import numpy as np
 from mcap_ros2._dynamic import generate_dynamic, serialize_dynamic
 
+from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import (
@@ -32,9 +34,9 @@ from recorder.messages import (
 )
 from recorder.ros_definitions import DEFINITIONS
 
-NS_PER_S = 1_000_000_000
 # A float32 holds about seven digits: those that it does not hold are noise of the conversion.
 _DIGITS = 7
+_LITTLE_ENDIAN = b"\0\1\0\0"  # what CDR begins with
 
 
 def type_name(message: Message) -> str:
@@ -45,7 +47,8 @@ def type_name(message: Message) -> str:
 def encode(message: Message) -> bytes:
     """A message as CDR, with the definition of :func:`type_name`."""
     name, fields = _TYPES[type(message)]
-    return bytes(_encoder(name)(fields(message)))
+    content = fields(message)
+    return content if isinstance(content, bytes) else bytes(_encoder(name)(content))
 
 
 class Decoder:
@@ -115,16 +118,14 @@ def _odometry_fields(m: Any) -> dict[str, Any]:
     }
 
 
-def _range_fields(m: Any) -> dict[str, Any]:
-    return {
-        "header": _header(m.t_ns, m.sensor),
-        "radiation_type": min(int(m.radiation), 1),
-        "field_of_view": m.beam_width_rad,
-        "min_range": m.min_range_m,
-        "max_range": m.max_range_m,
-        "range": m.range_m,
-        "variance": 0.0,
-    }
+def _range_cdr(m: Range) -> bytes:
+    """A reading as bytes: hundreds come each second, and the library takes ten times as long."""
+    frame = m.sensor.encode() + b"\0"
+    stamp = _stamp(m.t_ns)
+    head = struct.pack("<iII", stamp["sec"], stamp["nanosec"], len(frame)) + frame
+    head += bytes([min(int(m.radiation), 1)])
+    values = m.beam_width_rad, m.min_range_m, m.max_range_m, m.range_m, 0.0
+    return _LITTLE_ENDIAN + head + bytes(-len(head) % 4) + struct.pack("<5f", *values)
 
 
 def _scan_fields(m: Any) -> dict[str, Any]:
@@ -163,10 +164,10 @@ def _diagnostics_fields(m: Any) -> dict[str, Any]:
     return {"header": _header(m.t_ns, ""), "status": [status]}
 
 
-_TYPES: dict[type, tuple[str, Callable[[Any], dict[str, Any]]]] = {
+_TYPES: dict[type, tuple[str, Callable[[Any], dict[str, Any] | bytes]]] = {
     Pose: ("geometry_msgs/msg/PoseStamped", _pose_fields),
     Odometry: ("nav_msgs/msg/Odometry", _odometry_fields),
-    Range: ("sensor_msgs/msg/Range", _range_fields),
+    Range: ("sensor_msgs/msg/Range", _range_cdr),
     Scan: ("sensor_msgs/msg/LaserScan", _scan_fields),
     Transform: ("tf2_msgs/msg/TFMessage", _transform_fields),
     RawLine: ("std_msgs/msg/String", _raw_fields),

@@ -22,7 +22,7 @@ def open_screen(
 
     ``keys`` says that a key press is heeded. The screen is closed with ``stack``.
     """
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():  # None: closed by who started us
         return _echo_line, 1.0
     from rich.console import Console
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from recorder.messages import Radiation
+from recorder.messages import Radiation, Range
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,6 +18,13 @@ class SensorParameters:
     min_range_m: float
     max_range_m: float
     radiation: Radiation
+
+    def reading(self, t_ns: int, name: str, range_m: float) -> Range:
+        """What the sensor ``name``, which is like that, measured."""
+        return Range(
+            t_ns, name, range_m, self.beam_width_rad, self.min_range_m, self.max_range_m,
+            self.radiation,
+        )  # fmt: skip
 
 
 BUILT_IN_SENSORS: Mapping[str, SensorParameters] = MappingProxyType(

@@ -16,15 +16,13 @@ from recorder.messages import Message, Record
 from recorder.session_format import WALLS, Damage
 from recorder.session_parts import Limits, PartedWriter
 from recorder.session_reader import SessionReader
+from recorder.session_scan import MAGIC
 from recorder.session_writer import SessionWriter
 
 __all__ = [
     "WALLS", "Damage", "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter",
     "looks_like_session", "read_session",
 ]  # fmt: skip
-
-
-_MAGIC = b"\x89MCAP0\r\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +56,7 @@ def looks_like_session(path: Path) -> bool:
     """Whether a file begins as an MCAP file does. Raises BadInput where it cannot be read."""
     try:
         with path.open("rb") as file:
-            return file.read(len(_MAGIC)) == _MAGIC
+            return file.read(len(MAGIC)) == MAGIC
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or error}") from None
 

@@ -10,12 +10,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
 
+from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
 from recorder.messages import BASE_FRAME, Record, Transform
 from recorder.session import Session
 from recorder.session_parts import PART, repeated_as
 
-NS_PER_S = 1_000_000_000
 _APART_NS = 60 * NS_PER_S  # longer than any gap between poses that is bridged
 _Key = tuple[str, ...]
 

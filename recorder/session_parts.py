@@ -20,11 +20,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from recorder.clock import NS_PER_S
 from recorder.errors import BadInput, OutputExists
 from recorder.messages import Message, Odometry, Pose, Transform
 from recorder.session_writer import SessionWriter
 
-NS_PER_S = 1_000_000_000
 BYTES_PER_MB = 1_000_000
 PART = "part"  # the key of the metadata that says which part a file is
 _LOOK_AT_DISK_EACH_S = 1.0

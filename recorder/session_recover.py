@@ -12,12 +12,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 from mcap.records import Attachment, Channel, Metadata
 from mcap.records import Message as McapMessage
+from mcap.writer import Writer
 
-from recorder.errors import BadInput, OutputExists
+from recorder.errors import BadInput
+from recorder.outputs import check_output, written_beside
 from recorder.session_format import (
     ATTACHED,
     METADATA,
@@ -26,6 +27,7 @@ from recorder.session_format import (
     checked_json,
     read_checked_json,
 )
+from recorder.session_index import ChunkIndexes
 from recorder.session_scan import SessionScan
 from recorder.session_writer import new_writer
 
@@ -50,12 +52,9 @@ def recover(
     ``progress(bytes read, bytes in all)`` is called now and then. Raises BadInput where nothing can
     be used or ``good`` cannot be written, OutputExists. ``bad`` is never changed.
     """
-    if good.exists():
-        if bad.exists() and good.samefile(bad):
-            raise BadInput(f"{good}: a session is never mended in place, name another output")
-        if not force:
-            raise OutputExists(good)
-    part = good.with_name(good.name + ".part")
+    if good.exists() and bad.exists() and good.samefile(bad):
+        raise BadInput(f"{good}: a session is never mended in place, name another output")
+    check_output(good, force=force)
     damage = Damage()
     try:
         size = bad.stat().st_size
@@ -66,16 +65,19 @@ def recover(
             if first is None:
                 reason = damage.said[0] if damage else "it is empty"
                 raise BadInput(f"{bad}: nothing in it can be read ({reason})")
-            with part.open("wb") as file:
-                copy = _Copy(file, scan)
+            if not good.parent.is_dir():
+                raise BadInput(f"{good}: there is no folder {good.parent}")
+            with (
+                written_beside(good) as part,
+                part.open("wb") as file,
+                ChunkIndexes(good.parent) as indexes,
+            ):
+                copy = _Copy(new_writer(file, indexes), scan)
                 copy.write(itertools.chain([first], records), damage, bad.name)
                 file.flush()
                 os.fsync(file.fileno())
-        part.replace(good)
     except OSError as error:
         raise BadInput(f"{error.filename or good}: {error.strerror or error}") from None
-    finally:
-        part.unlink(missing_ok=True)
     return Recovery(copy.messages, copy.attachments, damage.said)
 
 
@@ -94,8 +96,8 @@ def _counted(
 class _Copy:
     """A new file that takes the records of a scan, with ids of its own."""
 
-    def __init__(self, file: BinaryIO, scan: SessionScan) -> None:
-        self._writer = new_writer(file)
+    def __init__(self, writer: Writer, scan: SessionScan) -> None:
+        self._writer = writer
         self._scan = scan
         self._schema_ids: dict[int, int] = {}
         self._channel_ids: dict[int, int] = {}

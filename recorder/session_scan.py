@@ -48,6 +48,7 @@ from recorder.session_frames import (
 )
 
 MAGIC = b"\x89MCAP0\r\n"
+_RECORDING = b"RRF"  # what a recording of a mapping begins with
 _MAGIC_BYTES_TO_BELIEVE = 6  # of 8: one that is damaged does not make the file another's
 _FIRST_PRIVATE_OPCODE = 0x80
 _CHUNK_MAY_BEGIN = re.compile(rb"\x06(?=.{4}\x00{4})", re.DOTALL)
@@ -167,7 +168,12 @@ class SessionScan:
             return
         alike = sum(a == b for a, b in zip(magic, MAGIC, strict=False))
         if alike < _MAGIC_BYTES_TO_BELIEVE or self._size <= len(MAGIC):
-            raise BadInput("not an MCAP file (it begins with other bytes)")
+            if magic.startswith(_RECORDING):
+                raise BadInput("not an MCAP file but a recording: look at it with echogrid view")
+            raise BadInput(
+                "not an MCAP file (it begins with other bytes); logs of other programs become one "
+                "with echogrid import"
+            )
         self._damage.note("the first bytes of the file are damaged")
 
     def _frame(self, position: int) -> Frame:

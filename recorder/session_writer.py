@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
+import time
 import typing
 from collections import Counter
 from collections.abc import Mapping
@@ -23,13 +24,15 @@ from recorder.messages import Message, topic_of
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode, type_name
 from recorder.session_format import LIBRARY, METADATA, checked_json
+from recorder.session_index import ChunkIndexes
 
 _CHUNK_BYTES = 256 * 1024
-_SYNC_PERIOD_S = 0.8  # and what a sync takes: a second may be lost, no more
+_SYNC_PERIOD_S = 0.8  # a second may be lost, no more
 _FIRST_SYNC_S = (
     0.1  # the first ones follow sooner: a session that is killed at once holds something
 )
 _BYTES_AROUND_A_MESSAGE = 31
+_BYTES_AROUND_A_DEFINITION = 128  # at most, names included
 
 
 class SessionWriter:
@@ -51,11 +54,16 @@ class SessionWriter:
     ) -> None:
         if path.exists() and not force:
             raise OutputExists(path)
+        if path.is_dir():
+            raise BadInput(f"{path}: it is a folder")
+        if not path.parent.is_dir():
+            raise BadInput(f"{path}: there is no folder {path.parent}")
         self._path = path
         self._part = path if live else path.with_name(path.name + ".part")
         try:
             self._file: BinaryIO = self._part.open("wb")
-            self._writer = new_writer(self._file, compress=compress)
+            self._indexes = ChunkIndexes(path.parent)
+            self._writer = new_writer(self._file, self._indexes, compress=compress)
             self._writer.start(profile="ros2", library=LIBRARY)
             self._writer.add_metadata(METADATA, checked_json(metadata or {}))
             self._file.flush()  # killed from here on, it says what it is
@@ -70,8 +78,13 @@ class SessionWriter:
         self._closed = False
         self._written_bytes = self._open_bytes = 0
         self._stop = threading.Event()
-        self._syncer = threading.Thread(target=self._sync_each_second, daemon=True)
-        self._syncer.start()
+        self._unsynced = threading.Event()  # the system holds more than the disk may
+        self._threads = [
+            threading.Thread(target=target, daemon=True)
+            for target in (self._flush_each_second, self._sync_what_was_flushed)
+        ]
+        for thread in self._threads:
+            thread.start()
 
     @property
     def path(self) -> Path:
@@ -96,7 +109,8 @@ class SessionWriter:
                 data=data,
             )
             self._open_bytes += len(data) + _BYTES_AROUND_A_MESSAGE
-            self._measure()
+            if self._open_bytes > _CHUNK_BYTES:  # not each time: it is a call of the system
+                self._measure()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         """Keep a file in the session: the true walls of a simulated room, say."""
@@ -106,10 +120,19 @@ class SessionWriter:
 
     def sync(self) -> None:
         """Close the open chunk and see to it that the disk holds it. Raises OSError."""
+        self._flush()
+        self._sync_file()
+
+    def _flush(self) -> None:
+        """Close the open chunk and hand it to the system: killed from here on, it is kept."""
         with self._lock, self._noting_failure():
             self._writer.flush()  # type: ignore[no-untyped-call]
             self._file.flush()
             self._measure()
+
+    def _sync_file(self) -> None:
+        """See to it that the disk holds what the system does: what the loss of power spares."""
+        with self._lock, self._noting_failure():
             descriptor = os.dup(self._file.fileno())
         try:
             os.fsync(descriptor)  # outside the lock: a slow disk must not hold up the writer
@@ -127,17 +150,14 @@ class SessionWriter:
         if self._closed:
             return
         failed_before = self._failure is not None
-        self._stop.set()
-        self._syncer.join()
+        self._end_threads()
         try:
             self._finish()
         except OSError:
             if not failed_before:
                 raise
         finally:
-            self._closed = True
-            with contextlib.suppress(OSError):  # what is left in the buffer finds no room either
-                self._file.close()
+            self._let_go()
         if self._part != self._path:
             self._part.replace(self._path)
             _sync_folder(self._path.parent)
@@ -150,12 +170,21 @@ class SessionWriter:
 
     def _discard(self) -> None:
         """Leave nothing behind: what was written beside is not the whole of it."""
-        self._closed = True
-        self._stop.set()
-        self._syncer.join()
-        with contextlib.suppress(OSError):
-            self._file.close()
+        self._end_threads()
+        self._let_go()
         self._part.unlink(missing_ok=True)
+
+    def _end_threads(self) -> None:
+        self._stop.set()
+        self._unsynced.set()
+        for thread in self._threads:
+            thread.join()
+
+    def _let_go(self) -> None:
+        self._closed = True
+        with contextlib.suppress(OSError):  # what is left in the buffer finds no room either
+            self._file.close()
+        self._indexes.close()
 
     def __enter__(self) -> SessionWriter:
         return self
@@ -197,30 +226,48 @@ class SessionWriter:
             if name not in self._schemas:
                 text = DEFINITIONS[name].encode()
                 self._schemas[name] = self._writer.register_schema(name, "ros2msg", text)
+                self._open_bytes += len(text) + _BYTES_AROUND_A_DEFINITION
             self._channels[topic] = self._writer.register_channel(
                 topic, "cdr", self._schemas[name], {"offered_qos_profiles": ""}
             )
+            self._open_bytes += len(topic) + _BYTES_AROUND_A_DEFINITION
         return self._channels[topic]
 
-    def _sync_each_second(self) -> None:
-        wait_s = _FIRST_SYNC_S
-        while not self._stop.wait(wait_s):
-            wait_s = min(2.0 * wait_s, _SYNC_PERIOD_S)
+    def _flush_each_second(self) -> None:
+        """At its times, however long the disk takes: a killed process loses no more for it."""
+        period_s, next_s = _FIRST_SYNC_S, time.monotonic() + _FIRST_SYNC_S
+        while not self._stop.wait(next_s - time.monotonic()):
             try:
-                self.sync()
+                self._flush()
+            except OSError:
+                return
+            self._unsynced.set()
+            period_s = min(2.0 * period_s, _SYNC_PERIOD_S)
+            next_s = max(next_s + period_s, time.monotonic())
+
+    def _sync_what_was_flushed(self) -> None:
+        while self._unsynced.wait() and not self._stop.is_set():
+            self._unsynced.clear()
+            try:
+                self._sync_file()
             except OSError:
                 return
 
 
-def new_writer(file: BinaryIO, *, compress: bool = True) -> Writer:
-    """The library's writer with all checksums on and in chunks: only these carry checksums."""
-    return Writer(
+def new_writer(file: BinaryIO, indexes: ChunkIndexes, *, compress: bool = True) -> Writer:
+    """The library's writer with all checksums on and in chunks: only these carry checksums.
+
+    ``indexes`` holds its index until it is finished, and is closed after that.
+    """
+    writer = Writer(
         file,
         chunk_size=_CHUNK_BYTES,
         compression=CompressionType.ZSTD if compress else CompressionType.NONE,
         enable_data_crcs=True,
         use_summary_offsets=False,
     )
+    indexes.serve(writer)
+    return writer
 
 
 def _sync_folder(folder: Path) -> None:

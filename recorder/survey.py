@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from recorder.clock import NS_PER_S
 from recorder.geometry import SE2, wrap_angle
 from recorder.messages import (
     Diagnostics,
@@ -25,7 +26,6 @@ from recorder.messages import (
     Transform,
 )
 
-NS_PER_S = 1e9
 _BINS_PER_OCTAVE = 16  # of the times between messages: 4 % apart
 _GAP_FACTOR = 5.0
 _BIN_M = 0.01

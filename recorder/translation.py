@@ -183,12 +183,4 @@ class Translator:
             sensor = self._sensors[report.sensor] = UNKNOWN_SENSOR
             self.tally["unknown_sensors"] += 1
             _log.warning("sensor %s is not known: taken for an ultrasonic one", report.sensor)
-        return Range(
-            t_ns,
-            report.sensor,
-            report.range_m,
-            sensor.beam_width_rad,
-            sensor.min_range_m,
-            sensor.max_range_m,
-            sensor.radiation,
-        )
+        return sensor.reading(t_ns, report.sensor, report.range_m)

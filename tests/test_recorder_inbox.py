@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import sys
 import threading
 import time
@@ -95,5 +96,7 @@ def test_the_interpreter_is_left_as_it_was() -> None:
     before = sys.getswitchinterval()
     with Inbox({"a": numbers(3)}) as box:
         assert sys.getswitchinterval() < before
+        assert gc.get_freeze_count() > 0  # what was imported is not searched for garbage
         assert len([1 for _, event in box.events(threading.Event()) if event is not None]) == 3
     assert sys.getswitchinterval() == before
+    assert gc.get_freeze_count() == 0

@@ -85,3 +85,15 @@ def test_a_recorder_that_finds_no_room_stops_with_the_reason(tmp_path: Path) -> 
     assert 100 < len(lines) < sent
     assert lines == [line(number) for number in range(len(lines))]
     assert found.damage
+
+
+def test_a_simulation_that_finds_no_room_says_so_in_one_line(tmp_path: Path) -> None:
+    session = tmp_path / "run.mcap"
+    with subprocess.Popen(
+        [sys.executable, "-m", "echogrid", "simulate", "room", "-o", str(session), "--quiet"],
+        cwd=ROOT, stderr=subprocess.PIPE, text=True,
+    ) as simulation:  # fmt: skip
+        resource.prlimit(simulation.pid, resource.RLIMIT_FSIZE, (5_000, 5_000))
+        _, told = simulation.communicate(timeout=120)
+    assert (simulation.returncode, told) == (2, f"echogrid: {os.strerror(errno.EFBIG)}\n")
+    assert list(tmp_path.iterdir()) == []

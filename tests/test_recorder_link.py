@@ -109,8 +109,9 @@ def test_what_was_opened_beforehand_is_used(tmp_path: Path) -> None:
 def test_a_file_is_no_serial_device(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("hello")
-    with pytest.raises(LinkError):
-        Link(str(path), clock=ManualClock()).open()
+    for wrong in (path, tmp_path):
+        with pytest.raises(LinkError, match=r"it is not a serial device$"):
+            Link(str(wrong), clock=ManualClock()).open()
 
 
 @pytest.mark.parametrize(

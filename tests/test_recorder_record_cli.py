@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import math
 import os
@@ -215,6 +217,10 @@ def test_a_protocol_of_ones_own(tmp_path: Path) -> None:
         (["--mount", "pi/ng=1,2,3"], "--mount pi/ng=1,2,3: 'pi/ng' is no name"),
         (["--mount", "ping@1=1,2,3"], "'1' is no name"),
         (["--duration", "abc"], "'abc' is not a valid number"),
+        (["--duration", "nan"], "'nan' is not a number that can be used"),
+        (["--duration", "inf"], "inf is not in the range"),
+        (["--duration", "1e300"], "1e+300 is not in the range"),
+        (["--split-mb", "inf"], "'inf' is not a number that can be used"),
         (["--sensor", "left"], "--sensor NAME=ping|dirrs or NAME=BEAM_DEG,MIN_M,MAX_M"),
         (["--sensor", "left=pong"], "is wanted"),
         (["--sensor", "left=15,2,1"], "no sensor is like that"),
@@ -231,6 +237,53 @@ def test_what_cannot_be_is_said_in_one_line(
     assert said in captured.err
     assert len(captured.err.splitlines()) == 1
     assert not path.exists()
+
+
+def test_what_a_replayed_session_had_lost_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, cut, again = (tmp_path / name for name in ("whole.mcap", "cut.mcap", "again.mcap"))
+    assert main(["simulate", "room", "-o", str(whole), "--duration", "2", "--quiet"]) == 0
+    cut.write_bytes(whole.read_bytes()[:-100])
+    arguments = ["-o", str(again), "--duration", "1", "--quiet"]
+    assert main(["record", f"replay:{cut}", *arguments]) == 1
+    assert capsys.readouterr().err.startswith(f"echogrid: {cut}: ")
+    assert of(read_session(again), Range)
+    assert main(["record", f"replay:{whole}", *arguments, "--force"]) == 0
+    assert capsys.readouterr().err == ""
+
+
+def test_without_a_place_to_show_anything_it_records_all_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a service may start it, with standard error closed."""
+    monkeypatch.setattr(sys, "stderr", None)
+    path = tmp_path / "run.mcap"
+    assert main(["record", "sim:room", "-o", str(path), "--duration", "1.5"]) == 0
+    assert of(read_session(path), Range)
+
+
+def test_a_full_disk_behind_standard_output_is_said_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    class FullDisk(io.StringIO):
+        def write(self, text: str) -> int:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    path = tmp_path / "run.mcap"
+    assert main(["simulate", "room", "-o", str(path), "--duration", "1", "--quiet"]) == 0
+    monkeypatch.setattr(sys, "stdout", FullDisk())
+    assert main(["info", str(path)]) == 2
+    assert capsys.readouterr().err == f"echogrid: {os.strerror(errno.ENOSPC)}\n"
+
+
+def test_a_folder_is_no_output(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "run.mcap"
+    folder.mkdir()
+    for command in (["simulate", "room"], ["record", "sim:room", "--duration", "1"]):
+        assert main([*command, "-o", str(folder), "--force", "--quiet"]) == 2
+        assert capsys.readouterr().err == f"echogrid: {folder}: it is a folder\n"
+    assert list(tmp_path.iterdir()) == [folder]
 
 
 def test_another_protocol_than_the_robots_is_said(

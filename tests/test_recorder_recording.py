@@ -182,6 +182,42 @@ def test_a_lost_link_and_a_restarted_device() -> None:
     assert session.of(Range)[-1].t_ns <= cut + 2 * NS_PER_S
 
 
+@pytest.mark.parametrize("step_s", [-3600, -3, 5, 86_400])
+def test_a_clock_that_is_set_meanwhile_moves_no_reading(step_s: int) -> None:
+    """NTP sets the host's clock in the middle; a tracker that reads that clock is dated by arrival.
+
+    All else comes by the monotonic clock: rates and order are as if nobody had set anything.
+    """
+    wall, monotonic = [START_NS], [77]
+    clock = HostClock(lambda: wall[0], lambda: monotonic[0])
+
+    class Line:
+        def events(self, stop: threading.Event) -> Iterator[Received]:
+            for number in range(100):
+                monotonic[0] += 50 * NS_PER_MS
+                wall[0] += 50 * NS_PER_MS + (step_s * NS_PER_S if number == 50 else 0)
+                yield Received(ping_line(number, 50 * number), clock.now_ns())
+            said_all.set()
+
+    class Camera:
+        def events(self, stop: threading.Event) -> Iterator[Received]:
+            assert said_all.wait(60)
+            said = {"t_s": wall[0] / NS_PER_S, "x": 1.0, "y": 2.0, "heading_deg": 0.0}
+            yield Received(json.dumps(said).encode() + b"\n", clock.now_ns())
+
+    session, said_all = ListSession(), threading.Event()
+    counters = record(
+        Line(), session, protocol=EchogridProtocol(), clock=clock, stop=threading.Event(),
+        tracker=Tracker(Camera()),
+    )  # fmt: skip
+    arrivals_ns = [log_ns for log_ns, one in session.written if isinstance(one, Range)]
+    assert {b - a for a, b in pairwise(arrivals_ns)} == {50 * NS_PER_MS}
+    assert {b.t_ns - a.t_ns for a, b in pairwise(session.of(Range))} == {50 * NS_PER_MS}
+    assert counters.device_restarts == counters.gaps == 0
+    assert len(arrivals_ns) == 100
+    assert counters.tracker_dated_by_arrival == len(session.of(Pose)) == 1
+
+
 def test_the_line_that_our_own_stop_cuts_is_kept_but_is_no_fault() -> None:
     session = ListSession()
     counters = play([*steady_run(1.0), Received(b"$RNG,20", START_NS + NS_PER_S)], session)

@@ -8,6 +8,8 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
+import time
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -188,6 +190,31 @@ def test_a_killed_recording_is_read_up_to_its_last_sync(tmp_path: Path) -> None:
     session = read_session(path)
     assert [m.t_ns for m in session.messages()] == list(range(30))
     assert session.damage
+
+
+def test_a_disk_that_is_slow_to_sync_costs_a_killed_recording_nothing_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The system has what was written each second, although one sync takes for ever."""
+    disk_done, asked = threading.Event(), threading.Event()
+
+    def sync_of_a_slow_disk(descriptor: int) -> None:
+        asked.set()
+        disk_done.wait(60)
+
+    path = tmp_path / "slow.mcap"
+    with SessionWriter(path, live=True) as session:
+        monkeypatch.setattr(os, "fsync", sync_of_a_slow_disk)
+        session.write(Pose(T_NS, SE2(0.0, 0.0, 0.0)), log_ns=T_NS)
+        assert asked.wait(60)
+        for number in range(1, 4):
+            session.write(Pose(T_NS + number, SE2(number, 0.0, 0.0)), log_ns=T_NS + number)
+            deadline_s = time.monotonic() + 60
+            while len(list(read_session(path).messages())) <= number:
+                assert time.monotonic() < deadline_s, "it is not in the file"
+                time.sleep(0.05)
+        assert not disk_done.is_set()
+        disk_done.set()
 
 
 @pytest.mark.parametrize("content", [b"", b"nonsense\n" * 50, b"\x89MCAP0\r\n", bytes(4096)])

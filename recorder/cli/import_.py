@@ -12,10 +12,25 @@ from recorder.cli import options
 @click.command("import", epilog="Example:  echogrid import trace21.trc -o t.mcap --format comp4807")
 @click.argument("files", nargs=-1, required=True, type=options.FILE)
 @options.output_session
-@click.option("--format", "form", help="comp4807; guessed when left out.")
-@click.option("--rate", type=float, default=20.0, show_default=True, help="comp4807: readings/s.")
-@click.option("--start", type=float, default=0.0, show_default=True, help="comp4807: UNIX seconds.")
-@click.option("--columns", help="comp4807: sensors in the order of the columns, ping,dirrs say.")
+@click.option("--format", "form", help="comp4807 is the only one; guessed when left out.")
+@click.option(
+    "--rate",
+    type=float,
+    default=20.0,
+    show_default=True,
+    help="Readings a second of each sensor; such a trace has no clock.",
+)
+@click.option(
+    "--start",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="When it began, in UNIX seconds.",
+)
+@click.option(
+    "--columns",
+    help="The sensors in the order of the columns, as in ping,dirrs; default: the header's.",
+)
 @options.force
 @options.quiet
 def import_(

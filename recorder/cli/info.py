@@ -2,38 +2,34 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import click
 
 from recorder.cli import options
+from recorder.cli.progress import progress_bar
 
 
 @click.command(epilog="Example:  echogrid info run.mcap")
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.FILE)
 @options.quiet
 def info(files: tuple[Path, ...], quiet: bool) -> int:
-    """What is in a session, and what is wrong with it: rates, gaps, odd channels, losses.
+    """Say what is in a session, and what is wrong with it.
+
+    That is rates, gaps, odd channels and losses.
 
     Exit code 0: all of it can be read; 1: something is lost; 2: it cannot be used.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from recorder.session import SessionReader
     from recorder.summary import summary_lines
 
     damaged = False
-    console = Console(stderr=True)
     for file in files:
         reader = SessionReader(file)
-        with Progress(
-            console=console, transient=True, disable=quiet or not console.is_terminal
-        ) as bar:
-            size = file.stat().st_size if file.exists() else None
-            task = bar.add_task(f"reading {file.name}", total=size)
-            advance = lambda done, task=task: bar.update(task, completed=done)  # noqa: E731
-            lines = list(summary_lines(reader, advance))
+        size = file.stat().st_size if file.exists() else None
+        with progress_bar(f"reading {file.name}", quiet=quiet) as advance:
+            lines = list(summary_lines(reader, functools.partial(advance, total=size)))
         for line in lines if not quiet else ():
             click.echo(line)
         damaged = damaged or bool(reader.damage)

@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 import click
 
 
 class Number(click.FloatRange):
-    """A number within bounds, called so in the help and in what is said of "abc"."""
+    """A finite number within bounds, called so in the help and in what is said of "abc"."""
 
     name = "number"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """As click does; but "nan" and "inf", which are numbers to Python, are none to people."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a number that can be used.", param, ctx)
+        return number
 
 
 FILE = click.Path(path_type=Path)

@@ -34,4 +34,4 @@ def record(source: str, output: Path, force: bool, quiet: bool, **choices: Any) 
             pause=ready.controls.pause, on_status=ready.on_status,
             status_period_s=ready.status_period_s,
         )  # fmt: skip
-    return tell_counters(counters, output, quiet=quiet)
+    return tell_counters(counters, output, quiet=quiet, source_damage=ready.options.source_damage)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from recorder.recording_options import RecordingOptions
     from recorder.translation import RecordingCounters
 
+_LONGEST_S = 1e9  # 30 years
+
 _OPTIONS = (
     click.option(
         "--protocol",
@@ -26,43 +28,67 @@ _OPTIONS = (
         show_default=True,
         help="What the robot speaks: echogrid, rbc, csv, or your own PROTOCOL.py.",
     ),
-    click.option("--columns", help="csv: what the columns are, such as t_ms,ping:cm,dirrs:mm,-"),
-    click.option("--baud", type=int, help="Speed of the line; default: the protocol's."),
+    click.option("--columns", help="For csv, what the columns are, as in t_ms,ping:cm,dirrs:mm,-"),
+    click.option(
+        "--baud", type=int, help="Speed of the line in bits a second; default: the protocol's."
+    ),
     click.option("--tracker", help="Poses as JSON lines: tcp://HOST:PORT or udp://HOST:PORT."),
     click.option(
-        "--tracker-px-per-m", type=float, help="The tracker speaks pixels, so many a metre."
+        "--tracker-px-per-m",
+        type=options.Number(min=0, min_open=True),
+        help="Pixels a metre, of a tracker that speaks pixels; default: it speaks metres.",
     ),
     click.option(
         "--wheels",
         metavar="RADIUS_M,TRACK_M,COUNTS",
-        help="Wheel counts become /odom: radius, distance of the wheels, counts a turn.",
+        help="Make odometry of wheel counts: radius, distance of the wheels, counts a turn.",
     ),
     click.option(
         "--mount",
         "mounts",
         multiple=True,
         metavar="NAME=X_M,Y_M,DEG",
-        help="Where a sensor sits on the robot (NAME@head=...: on its turning head).",
+        help="Where a sensor sits on the robot: ahead, to the left, turned counter-clockwise "
+        "(NAME@head=...: on its turning head).",
     ),
     click.option(
         "--sensor",
         "sensors",
         multiple=True,
         metavar="NAME=KIND",
-        help="What NAME is: ping, dirrs, or BEAM_DEG,MIN_M,MAX_M[,ir].",
+        help="What NAME is: ping, dirrs, or the full width of its beam and its least and greatest "
+        "range, BEAM_DEG,MIN_M,MAX_M, with ,ir behind when it is infrared.",
     ),
-    click.option("--duration", type=options.Number(min=0), help="Seconds; default: until Ctrl-C."),
+    click.option(
+        "--duration",
+        type=options.Number(min=0, max=_LONGEST_S),
+        help="Seconds to record; default: until q or Ctrl-C.",
+    ),
     click.option("--pause", is_flag=True, help="Begin paused: space, p or SIGUSR1 goes on."),
-    click.option("--split-mb", type=options.Number(min=0.1), help="A new file each so many MB."),
-    click.option("--split-s", type=options.Number(min=1), help="A new file each so many seconds."),
+    click.option(
+        "--split-mb",
+        type=options.Number(min=0.1),
+        help="Begin a new file after so many MB; default: never.",
+    ),
+    click.option(
+        "--split-s",
+        type=options.Number(min=1),
+        help="Begin a new file after so many seconds; default: never.",
+    ),
     click.option(
         "--min-free-mb",
         type=options.Number(min=0),
         default=200.0,
         show_default=True,
-        help="Stop while so much of the disk is free.",
+        help="Stop before the disk has less than so many MB free.",
     ),
-    click.option("--seed", type=int, default=0, help="sim: of the simulated robot."),
+    click.option(
+        "--seed",
+        type=int,
+        default=0,
+        show_default=True,
+        help="With sim:ROOM, of the robot's noise.",
+    ),
 )
 
 
@@ -115,8 +141,10 @@ def prepared(
         yield Prepared(source, options, controls, on_status, period_s)
 
 
-def tell_counters(counters: RecordingCounters, output: Path, *, quiet: bool) -> int:
-    """Say what came of a recording; the exit code."""
+def tell_counters(
+    counters: RecordingCounters, output: Path, *, quiet: bool, source_damage: Sequence[str] = ()
+) -> int:
+    """Say what came of a recording, and what its source had lost before; the exit code."""
     from recorder.status_text import lost_anything, nothing_understood
 
     if not quiet:
@@ -126,7 +154,9 @@ def tell_counters(counters: RecordingCounters, output: Path, *, quiet: bool) -> 
         click.echo(f"echogrid: {counters.failure}", err=True)
     elif nothing_understood(counters):
         click.echo("echogrid: nothing of what came was understood: another --protocol?", err=True)
-    return 1 if lost_anything(counters) else 0
+    for reason in source_damage:
+        click.echo(f"echogrid: {reason}", err=True)
+    return 1 if source_damage or lost_anything(counters) else 0
 
 
 def _options_of(choices: dict[str, Any], *, force: bool) -> RecordingOptions:

@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from recorder.cli import options
+from recorder.cli.progress import progress_bar
 
 
 @click.command(epilog="Example:  echogrid recover bad.mcap -o good.mcap")
@@ -15,23 +16,17 @@ from recorder.cli import options
 @options.force
 @options.quiet
 def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
-    """Write what can be trusted of the damaged or unfinished session BAD to a new one.
+    """Save what can be trusted of a damaged session.
+
+    BAD is damaged or unfinished; what is sound in it is written to a new session.
 
     Exit code 0: nothing was lost; 1: something was, and is said; 2: nothing can be used.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from recorder.session_recover import recover as run
     from recorder.summary import counted
 
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
-        task = bar.add_task(f"recovering {bad.name}", total=None)
-        recovery = run(
-            bad, output, force=force,
-            progress=lambda done, size: bar.update(task, completed=done, total=size),
-        )  # fmt: skip
+    with progress_bar(f"recovering {bad.name}", quiet=quiet) as advance:
+        recovery = run(bad, output, force=force, progress=advance)
     for reason in recovery.lost:
         click.echo(f"echogrid: lost: {reason}", err=True)
     if not quiet:

@@ -12,19 +12,55 @@ from recorder.cli import options
 @click.command(epilog="Example:  echogrid simulate room -o run.mcap --duration 60 --seed 1")
 @click.argument("room")
 @options.output_session
-@click.option("--duration", type=options.Number(min=0.1), default=60.0, show_default=True)
-@click.option("--seed", type=int, default=0, show_default=True)
-@click.option("--noise", type=options.Number(0, 10), default=1.0, show_default=True)
-@click.option("--sensors", default="ping,dirrs", show_default=True, help="Also: lidar.")
-@click.option("--route", default="default", help='"x,y;x,y;..." in metres.')
-@click.option("--head-sweep", type=float, default=0.0, help="Degrees that the head turns.")
+@click.option(
+    "--duration",
+    type=options.Number(min=0.1, max=1e6),
+    default=60.0,
+    show_default=True,
+    help="Seconds that the robot drives.",
+)
+@click.option(
+    "--seed",
+    type=int,
+    default=0,
+    show_default=True,
+    help="Of the noise: the same number gives the same session.",
+)
+@click.option(
+    "--noise",
+    type=options.Number(0, 10),
+    default=1.0,
+    show_default=True,
+    help="How noisy: 0 not at all, 1 as real sensors are.",
+)
+@click.option(
+    "--sensors",
+    default="ping,dirrs",
+    show_default=True,
+    help="Of ping (sonar), dirrs (infrared) and lidar, with commas between.",
+)
+@click.option(
+    "--route",
+    default="default",
+    help='Where it drives: "x,y;x,y;..." in metres; default: the room\'s own route.',
+)
+@click.option(
+    "--head-sweep",
+    type=float,
+    default=0.0,
+    show_default=True,
+    help="Turn the sensors' head to and fro, by so many degrees (0 to 180) to each side.",
+)
 @options.force
 @options.quiet
 def simulate(
     room: str, output: Path, duration: float, seed: int, noise: float, sensors: str, route: str,
     head_sweep: float, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """Drive the simulated robot through ROOM (a name or a GeoJSON file) without the wait."""
+    """Make a session of a simulated robot, at once.
+
+    ROOM is a room's name (docs/simulator.md shows them) or a GeoJSON file.
+    """
     from recorder.session import WALLS, SessionWriter
     from recorder.simulator.robot import simulate as run
     from recorder.simulator.room_files import room_to_geojson

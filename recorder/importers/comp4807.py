@@ -12,7 +12,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from recorder.errors import BadInput
@@ -58,15 +58,7 @@ class TraceSensor:
     def reading(self, t_ns: int, range_m: float) -> Range:
         """A reading of this sensor, with the limits of its kind."""
         limits = BUILT_IN_SENSORS.get(self.kind, UNKNOWN_SENSOR)
-        return Range(
-            t_ns,
-            self.name,
-            range_m,
-            self.beam_width_rad,
-            limits.min_range_m,
-            limits.max_range_m,
-            limits.radiation,
-        )
+        return replace(limits, beam_width_rad=self.beam_width_rad).reading(t_ns, self.name, range_m)
 
     @property
     def infrared(self) -> bool:

@@ -6,12 +6,12 @@ outside and name that file where a protocol is asked for.
 
 from __future__ import annotations
 
-import difflib
 import inspect
 from collections.abc import Mapping
 from pathlib import Path
 
 from recorder.errors import BadInput
+from recorder.names import nearest
 from recorder.plugin_files import one_line, run_file
 from recorder.protocols.csv import CsvProtocol, parse_columns
 from recorder.protocols.echogrid import EchogridProtocol
@@ -37,8 +37,8 @@ def make_protocol(name: str, columns: str | None = None) -> Protocol:
     if name.endswith(".py"):
         return _made(load_protocol(Path(name)), name)
     if name not in PROTOCOLS:
-        close = difflib.get_close_matches(name, PROTOCOLS, n=1)
-        hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(PROTOCOLS)}"
+        near = nearest(name, PROTOCOLS)
+        hint = f"there are {', '.join(PROTOCOLS)}" if near is None else f"did you mean {near}?"
         raise BadInput(f"unknown protocol {name!r}; {hint}")
     if name == CsvProtocol.name:
         if columns is None:

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from recorder.errors import BadInput
+from recorder.names import FRAME_NAME
 from recorder.protocols.echogrid import DEVICE_MS_RANGE, SEQ_RANGE
 from recorder.protocols.interface import LineProtocol
 from recorder.protocols.reports import (
@@ -39,7 +40,6 @@ _NUMBER = re.compile(
     r"[+-]?(?:[0-9]{1,15}(?:\.[0-9]{0,15})?|\.[0-9]{1,15})(?:[eE][+-]?[0-9]{1,2})?"
 )
 _NO_NUMBER = ("", "nan", "NaN", "NAN")  # a reading that was not made; Arduinos print nan
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +85,7 @@ def _parse_column(text: str) -> Column:
     name, _, unit = text.partition(":")
     if text == SKIPPED or text in TIMES_MS or text == "seq" or text in COUNTS:
         return Column(text)
-    if not _NAME.fullmatch(name) or name in (*TIMES_MS, *COUNTS, "seq"):
+    if not FRAME_NAME.fullmatch(name) or name in (*TIMES_MS, *COUNTS, "seq"):
         raise BadInput(f"columns: {text!r} is no column, such as t_ms, seq, ping:cm or -")
     if unit not in (*LENGTHS_M, *ANGLES_RAD):
         known = ", ".join((*LENGTHS_M, *ANGLES_RAD))

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from recorder.errors import BadInput
+from recorder.names import FRAME_NAME
 from recorder.protocols.interface import Protocol
 from recorder.protocols.reports import (
     Fault,
@@ -46,7 +47,6 @@ _FRAME = re.compile(rb"\$([^$*]*)\*([0-9A-Fa-f]{8})(?:\r?\n|\r)?", re.DOTALL)
 _PRINTABLE = re.compile(rb"[\x20-\x7e]*")
 _INTEGER = re.compile(r"-?[0-9]{1,10}")
 _KIND = re.compile(r"[A-Z][A-Z0-9]{0,7}")
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,31}")
 _WORD = re.compile(r"[^,$*\x00-\x1f\x7f-\U0010ffff]{1,32}")
 _TEXT = re.compile(r"[^$*\x00-\x1f\x7f-\U0010ffff]*")
 
@@ -189,7 +189,7 @@ def _read_range(fields: list[str]) -> RangeReport:
     sensor, text = _values(fields, 2)
     range_mm = _integer(text, lowest=TOO_CLOSE_MM)
     special = {NOTHING_SEEN_MM: math.inf, TOO_CLOSE_MM: -math.inf}
-    return RangeReport(_matching(_NAME, sensor), special.get(range_mm, range_mm / 1000.0))
+    return RangeReport(_matching(FRAME_NAME, sensor), special.get(range_mm, range_mm / 1000.0))
 
 
 def _write_range(report: RangeReport) -> list[str]:
@@ -204,7 +204,7 @@ def _write_range(report: RangeReport) -> list[str]:
 
 def _read_head(fields: list[str]) -> HeadReport:
     head, angle_cdeg = _values(fields, 2)
-    return HeadReport(_matching(_NAME, head), math.radians(_integer(angle_cdeg) / 100.0))
+    return HeadReport(_matching(FRAME_NAME, head), math.radians(_integer(angle_cdeg) / 100.0))
 
 
 def _write_head(report: HeadReport) -> list[str]:

@@ -19,6 +19,12 @@ from recorder.errors import LinkError
 LONGEST_WAIT_NS = 2_000_000_000
 
 
+def unread_bytes(host_fd: int) -> int:
+    """How many bytes wait at the host's end of a pseudo-terminal."""
+    answer = fcntl.ioctl(host_fd, termios.FIONREAD, bytes(4))
+    return int.from_bytes(answer, sys.byteorder)
+
+
 class PseudoTerminal:
     """The end of a serial line at which the robot sits; ``link`` names the other end.
 
@@ -45,7 +51,7 @@ class PseudoTerminal:
 
     def write(self, data: bytes, now_ns: int) -> bool:
         """Send, at ``now_ns`` of a steady clock; False when what waited unread had to go."""
-        if self._waiting_bytes() == 0:
+        if unread_bytes(self._host_fd) == 0:
             self._empty_ns = now_ns
         overdue = now_ns - self._empty_ns > LONGEST_WAIT_NS
         if not overdue and self._written(data) == len(data):
@@ -66,10 +72,6 @@ class PseudoTerminal:
         with contextlib.suppress(FileNotFoundError):
             self._link.unlink()
         self._close_ends()
-
-    def _waiting_bytes(self) -> int:
-        answer = fcntl.ioctl(self._host_fd, termios.FIONREAD, bytes(4))
-        return int.from_bytes(answer, sys.byteorder)
 
     def _discard_unread(self) -> None:
         termios.tcflush(self._device_fd, termios.TCOFLUSH)

@@ -7,7 +7,6 @@ their own, so leaving one out does not change the others.
 
 from __future__ import annotations
 
-import difflib
 import heapq
 import itertools
 import math
@@ -26,10 +25,10 @@ from recorder.messages import (
     Message,
     Odometry,
     Pose,
-    Range,
     Scan,
     Transform,
 )
+from recorder.names import did_you_mean
 from recorder.odometry import COUNTER_RANGE, DeadReckoning, WheelGeometry
 from recorder.protocols.reports import HeadReport, RangeReport, WheelReport
 from recorder.sensors import BUILT_IN_SENSORS
@@ -258,19 +257,14 @@ def _message(event: Event, start_ns: int, dead_reckoning: DeadReckoning) -> Mess
             return Odometry(t_ns, dead_reckoning.update(event.said.left, event.said.right))
         case RangeReport():
             ranger = RANGERS[event.said.sensor]
-            known = ranger.parameters
-            return Range(
-                t_ns, ranger.name, event.said.range_m, known.beam_width_rad,
-                known.min_range_m, known.max_range_m, known.radiation,
-            )  # fmt: skip
+            return ranger.parameters.reading(t_ns, ranger.name, event.said.range_m)
 
 
 def _known_sensors(names: Sequence[str]) -> tuple[str, ...]:
     known = (*RANGERS, LIDAR)
     for name in names:
         if name not in known:
-            near = difflib.get_close_matches(name, known, n=1)
-            hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(known)}"
+            hint = did_you_mean(name, known)
             raise BadInput(f"the simulated robot has no sensor {name!r}; {hint}")
     if not names:
         raise BadInput(f"the simulated robot needs a sensor: {', '.join(known)}")

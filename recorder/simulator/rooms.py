@@ -6,7 +6,6 @@ infrared ranger that sees up to 0.8 m. Others come from GeoJSON files, in metres
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorder.errors import BadInput
+from recorder.names import did_you_mean
 from recorder.simulator.room_files import read_room_file
 from recorder.simulator.routes import ROBOT_RADIUS_M, default_route, inside
 from recorder.simulator.walls import disc, join, leg_clearance, path, rectangle
@@ -53,9 +53,7 @@ def load_room(name_or_path: str | Path) -> Room:
         return ROOMS[name]
     file = Path(name)
     if file.suffix.lower() not in (".json", ".geojson") and not file.exists():
-        near = difflib.get_close_matches(name, ROOMS, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(ROOMS)}"
-        raise BadInput(f"no room {name!r} and no such file; {hint}")
+        raise BadInput(f"no room {name!r} and no such file; {did_you_mean(name, ROOMS)}")
     walls_m = read_room_file(file)
     try:
         return Room(file.stem, walls_m, default_route(walls_m))

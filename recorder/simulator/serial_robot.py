@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 __all__ = ["HELLO", "HELLO_PERIOD_NS", "Firmware", "SerialRobot"]
 
 HELLO = HelloReport(PROTOCOL_VERSION, "simulated", "echogrid")
-
-
 HELLO_PERIOD_NS = 5_000_000_000
 _CORRUPTION_STREAM = 99  # random numbers of its own, apart from those of the robot
 _LONGEST_WAIT_S = 0.02  # between two looks at who knocks at the tracker
