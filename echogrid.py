@@ -6,6 +6,7 @@ heavy is imported here; each command imports what it needs when it runs.
 
 from __future__ import annotations
 
+import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from replay.mapping_run import RunResult
 
 __version__ = "0.1.0"
+
+_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)  # on a disk, or for this user or process
 
 
 @click.group(
@@ -56,6 +59,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         result = cli.main(
             args=None if argv is None else list(argv), prog_name="echogrid", standalone_mode=False
         )
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return 2
     except click.ClickException as error:
         click.echo(f"echogrid: {' '.join(error.format_message().split())}", err=True)
         return 2
@@ -68,6 +74,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return 1
+    except OSError as error:
+        if error.errno not in _NO_ROOM:  # all else is told by who knows more, or is a bug
+            raise
+        click.echo(f"echogrid: {error.strerror}", err=True)
+        return 2
     return result if isinstance(result, int) else 0
 
 

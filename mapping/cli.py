@@ -2,39 +2,64 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import click
 
-FILE = click.Path(path_type=Path)
-config_options = (
-    click.option("--config", "configs", type=FILE, multiple=True, help="A TOML file; repeatable."),
-    click.option("--set", "settings", multiple=True, metavar="A.B=C", help="One key; repeatable."),
-    click.option("--preset", help="chapter: the lecture chapter's own choices."),
+from recorder.cli import options
+
+config_option = click.option(
+    "--config",
+    "configs",
+    type=options.FILE,
+    multiple=True,
+    help="Configuration to use, a TOML file as `echogrid config` prints.",
+)
+setting_option = click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="A.B=C",
+    help="Change one key of it, as in grid.resolution_m=0.02; repeatable.",
+)
+preset_option = click.option("--preset", help="chapter: the lecture chapter's own choices.")
+plugin_option = click.option(
+    "--plugin",
+    "plugins",
+    type=options.FILE,
+    multiple=True,
+    help="A Python file with rules or models of your own; repeatable.",
 )
 
 
+def config_options(command: Callable[..., int]) -> Callable[..., int]:
+    """The three options that say a configuration."""
+    return config_option(setting_option(preset_option(command)))
+
+
 @click.command(epilog="Example:  echogrid config --set grid.resolution_m=0.02")
-@config_options[0]
-@config_options[1]
-@config_options[2]
+@config_options
 def config(configs: tuple[Path, ...], settings: tuple[str, ...], preset: str | None) -> int:
     """Print the configuration in force, with a comment to each key."""
     from mapping.config import load_config
-    from mapping.config_text import commented_toml
+    from mapping.config_text import explained_toml
 
     if len(configs) < 2:
-        click.echo(commented_toml(load_config(configs, settings, preset)), nl=False)
+        click.echo(explained_toml(load_config(configs, settings, preset)), nl=False)
         return 0
     for file in configs:  # as for map: each is a configuration of its own
-        click.echo(f"# {file}\n{commented_toml(load_config([file], settings, preset))}")
+        click.echo(f"# {file}\n{explained_toml(load_config([file], settings, preset))}")
     return 0
 
 
 @click.command(epilog="Example:  echogrid check my_rule.py")
-@click.argument("rule", type=FILE)
+@click.argument("rule", type=options.FILE)
 def check(rule: Path) -> int:
-    """Try the laws on a sensor model or update rule of your own; say in words which fail."""
+    """Try the laws on a model or rule of your own.
+
+    RULE is a Python file with them. Says in words which law fails, and why.
+    """
     from mapping.laws import check_plugin
 
     findings = check_plugin(rule)

@@ -8,7 +8,6 @@ that name, the built-in one of its radiation.
 
 from __future__ import annotations
 
-import difflib
 import math
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -28,6 +27,7 @@ from mapping.config_sections import (
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
+from recorder.names import nearest
 
 __all__ = [
     "BUILT_IN_SENSORS", "PRESETS", "BordersSection", "FusionSection", "Heard", "MappingConfig",
@@ -204,8 +204,10 @@ def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any
     out = dict(below)
     for key, value in above.items():
         old = out.get(key)
-        both = isinstance(old, Mapping) and isinstance(value, Mapping)
-        out[key] = _merged(old, value) if both else value  # type: ignore[arg-type]
+        if isinstance(old, Mapping) and isinstance(value, Mapping):
+            out[key] = _merged(old, value)
+        else:
+            out[key] = value
     return out
 
 
@@ -214,7 +216,13 @@ def _in_one_line(error: ValidationError) -> str:
     path = [str(part) for part in first["loc"]]
     if first["type"] == "extra_forbidden":
         return f"unknown key {'.'.join(path)}{_nearest_key(path)}"
-    return f"{'.'.join(path)}: {first['msg'].lower()} (not {first['input']!r})"
+    if first["type"] == "tuple_type":
+        said = "numbers in square brackets are wanted, as in [1.5, 2]"
+    elif first["type"] == "missing":  # of a list of numbers; keys all have a default
+        said = "a number is missing"
+    else:
+        said = first["msg"].lower()
+    return f"{'.'.join(path)}: {said} (not {first['input']!r})"
 
 
 def _nearest_key(path: list[str]) -> str:
@@ -225,7 +233,8 @@ def _nearest_key(path: list[str]) -> str:
         homes = [f"{name}.{path[0]}" for name, keys in sections.items() if path[0] in keys]
         if homes:
             return f"; did you mean {' or '.join(homes)}?"
-    return _nearest(path[-1], _known_keys(path[:-1]))
+    near = nearest(path[-1], _known_keys(path[:-1]))
+    return "" if near is None else f"; the nearest known one is {near}"
 
 
 def _known_keys(path: list[str]) -> list[str]:
@@ -238,8 +247,3 @@ def _known_keys(path: list[str]) -> list[str]:
             return []
         section = field.annotation
     return list(section.model_fields)
-
-
-def _nearest(word: str, known: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(known), n=1, cutoff=0.4)
-    return f"; the nearest known one is {close[0]}" if close else ""

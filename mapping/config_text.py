@@ -2,38 +2,105 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable
+from typing import Any, Literal, get_args, get_origin
 
 import tomlkit
 from pydantic import BaseModel
 
-from mapping.config import MappingConfig
+from mapping.config import BUILT_IN_SENSORS, MappingConfig
+from mapping.config_sections import SensorSection
+
+_SENSORS = """\
+
+# A sensor is configured in a section of its name, [sensors.ping], all of them in [sensors."*"].
+# Its keys, and what they are for a sonar (ping), an infrared ranger (dirrs) and a laser (lidar)
+# when neither the configuration nor the session says otherwise:
+"""
 
 
 def commented_toml(config: MappingConfig) -> str:
     """All keys in force with what each means; keys that are not set stand as comments."""
+    return _toml(config, choices=False)
+
+
+def explained_toml(config: MappingConfig) -> str:
+    """The same for somebody who wants to change it: with the words to choose from, where a key
+    takes one of a few, and with all keys of a sensor as comments."""
+    lines = [_sensor_line(key, field.description or "", field.annotation)
+             for key, field in SensorSection.model_fields.items()]  # fmt: skip
+    return _toml(config, choices=True) + _SENSORS + "".join(lines)
+
+
+def _sensor_line(key: str, description: str, annotation: Any) -> str:
+    of_each = {name: _shown(keys[key]) for name, keys in BUILT_IN_SENSORS.items() if key in keys}
+    told = ", ".join(f"{name} {value}" for name, value in of_each.items())
+    if len(set(of_each.values())) == 1:
+        told = f"default {next(iter(of_each.values()))}"
+    told = f" ({told})" if told else ""
+    return f"# {key} =    # {_with_choices(key, description, annotation)}{told}\n"
+
+
+def _shown(value: Any) -> str:
+    """A default as short as it can be read."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(f'{each:g}' for each in value)}]"
+    if isinstance(value, float):
+        return f"{value:g}"
+    return str(value).lower() if isinstance(value, bool) else str(value)
+
+
+def _with_choices(key: str, description: str, annotation: Any) -> str:
+    words = _named(key) or list(dict.fromkeys(_literals(annotation)))
+    return f"{description}; one of {', '.join(words)}" if words else description
+
+
+def _named(key: str) -> list[str]:
+    """What the program knows by name: line methods, sensor models, update rules."""
+    from mapping.segments.methods import LINE_METHODS
+    from mapping.sensor_model import SENSOR_MODELS
+    from mapping.update_rules import UPDATE_RULES
+
+    tables: dict[str, Iterable[str]] = {
+        "method": LINE_METHODS, "model": SENSOR_MODELS, "update": UPDATE_RULES,
+    }  # fmt: skip
+    return list(tables.get(key, ()))
+
+
+def _literals(annotation: Any) -> list[str]:
+    """The words that a type names, however deep they lie in it."""
+    inner = get_args(annotation)
+    if get_origin(annotation) is Literal:
+        return [word for word in inner if isinstance(word, str)]
+    return [word for each in inner for word in _literals(each)]
+
+
+def _toml(config: MappingConfig, *, choices: bool) -> str:
     document = tomlkit.document()
     for name in MappingConfig.model_fields:
         section = getattr(config, name)
         if isinstance(section, BaseModel):
-            document.add(name, _table(section))
+            document.add(name, _table(section, choices))
     sensors = tomlkit.table(is_super_table=True)
     for name, section in config.sensors.items():
-        sensors.add(name, _table(section))
+        sensors.add(name, _table(section, choices))
     if config.sensors:
         document.add("sensors", sensors)
     return tomlkit.dumps(document)
 
 
-def _table(section: BaseModel) -> Any:
+def _table(section: BaseModel, choices: bool) -> Any:
     table = tomlkit.table()
     for key, field in type(section).model_fields.items():
         value = getattr(section, key)
+        description = field.description or ""
+        if choices:
+            description = _with_choices(key, description, field.annotation)
         if value is None:
-            table.add(tomlkit.comment(f"{key} =    # {field.description}"))
+            table.add(tomlkit.comment(f"{key} =    # {description}"))
             continue
         item = tomlkit.item(list(value) if isinstance(value, tuple) else value)
-        if field.description and not isinstance(value, dict):
-            item.comment(field.description)
+        if description and not isinstance(value, dict):
+            item.comment(description)
         table.add(key, item)
     return table

@@ -17,6 +17,8 @@ from recorder.errors import BadInput
 
 FloatArray = NDArray[np.float64]
 
+_STARTS = {"probability": 0.5, "odds": 1.0}  # all other kinds begin at 0
+
 
 def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
     """The same array, locked: what flows between stages cannot be changed behind one's back."""
@@ -32,6 +34,15 @@ class Window:
     col0: int
     rows: int
     cols: int
+
+    @classmethod
+    def around(cls, cells: NDArray[np.bool_ | np.integer]) -> Window:
+        """The smallest rectangle of an array (rows, cols) that holds all cells but those of 0."""
+        rows, cols = np.flatnonzero(cells.any(axis=1)), np.flatnonzero(cells.any(axis=0))
+        if not len(rows):
+            return cls(0, 0, 0, 0)
+        row0, col0 = int(rows[0]), int(cols[0])
+        return cls(row0, col0, int(rows[-1]) - row0 + 1, int(cols[-1]) - col0 + 1)
 
     @property
     def slices(self) -> tuple[slice, slice]:
@@ -119,6 +130,11 @@ def check_size(rows: int, cols: int, *, resolution_m: float, max_cells: int) -> 
             f"({cols * resolution_m:.4g} x {rows * resolution_m:.4g} m at {resolution_m:g} m), "
             f"more than grid.max_cells = {max_cells:,}"
         )
+
+
+def start_of(kind: str) -> float:
+    """What a cell of a layer holds before any reading, in the unit ``kind``."""
+    return _STARTS.get(kind, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,7 +15,8 @@ from dataclasses import replace
 from mapping.beams import Beam
 from mapping.config import MappingConfig, Sensor
 from mapping.placing import Placed, place_reading, settle_sensors
-from mapping.poses import NS_PER_S, FrameTree, Track, is_sane
+from mapping.poses import FrameTree, Track, is_sane
+from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Message, Odometry, Pose, Range, Scan, Transform

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping
 from typing import TypeVar
 
 from recorder.errors import BadInput
+from recorder.names import nearest
 
 Member = TypeVar("Member")
 
@@ -15,6 +15,6 @@ def choose(table: Mapping[str, Member], name: str, what: str) -> Member:
     """The member of that name; BadInput names the nearest one, or all there are."""
     if name in table:
         return table[name]
-    close = difflib.get_close_matches(name, list(table), n=1, cutoff=0.4)
-    hint = f"the nearest known one is {close[0]}" if close else f"there are {', '.join(table)}"
+    near = nearest(name, table)
+    hint = f"there are {', '.join(table)}" if near is None else f"the nearest known one is {near}"
     raise BadInput(f"unknown {what} {name!r}; {hint}")

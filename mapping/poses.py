@@ -7,10 +7,10 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+from recorder.clock import NS_PER_S
 from recorder.geometry import IDENTITY, SE2, interpolate
 from recorder.messages import BASE_FRAME, Transform
 
-NS_PER_S = 1_000_000_000
 # No robot of ours is a thousand kilometres from its map's origin: such a pose is a fault.
 FARTHEST_M = 1e6
 

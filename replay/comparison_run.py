@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mapping.artifacts import Artifact, Finished, Segment, Snapshot
-from mapping.beams import Beam
-from mapping.config_text import commented_toml
+from mapping.artifacts import Artifact
 from mapping.pipeline import build_maps
 from recorder.errors import BadInput
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
+from replay.collector import Collector
 from replay.comparison import Variant
-from replay.comparison_steps import Distances, Moment, in_step
-from replay.exports import Exporter
-from replay.mapping_run import RunResult, reading_count, true_walls
+from replay.comparison_steps import Distances, Moment, in_step, readings_of
+from replay.exports import Exporter, exporter_for
+from replay.mapping_run import (
+    PROGRESS_EVERY,
+    RunResult,
+    reading_count,
+    result_of,
+    true_walls,
+)
 
 if TYPE_CHECKING:
     from replay.rrd.comparison import ComparisonWriter
-
-_PROGRESS_EVERY = 50
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,32 +57,45 @@ def compare_session(
         check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
     runs = {each.name: _begun(session, each) for each in variants}
-    kept: dict[str, list[Artifact]] = {each.name: [] for each in variants}
-    readings, total, distances = 0, reading_count(session), Distances()
+    collectors = {each.name: Collector() for each in variants}
+    distances = Distances()
     with ExitStack() as stack:
         exporters = _exporters(variants, export, force=force)
         writer = _writer(variants, rrd, path.name)
         if writer is not None:
             stack.enter_context(writer)
-        for moment in in_step(runs, session.messages()):
+        moments = in_step(runs, session.messages())
+        for moment in _counted(moments, progress, reading_count(session)):
             if writer is not None:
                 writer.take(moment)
             for name, artifact in moment.items():
                 if exporters:
                     exporters[name](artifact)
-                if _is_result(artifact):
-                    kept[name].append(artifact)
+                collectors[name](artifact)
             distances.take(moment)
-            readings += _is_reading(moment)
-            if progress is not None and readings % _PROGRESS_EVERY == 0 and _is_reading(moment):
-                progress(readings, total)
-        if progress is not None:
-            progress(total, total)
     for exporter in exporters.values():
         exporter.close()
     left_out = "" if writer is None else writer.left_out
-    results = {name: _result(some, session.damage, left_out) for name, some in kept.items()}
+    results = {
+        name: result_of(collector, session.damage, left_out)
+        for name, collector in collectors.items()
+    }
     return Comparison(results, distances)
+
+
+def _counted(
+    moments: Iterable[Moment], progress: Callable[[int, int], None] | None, total: int
+) -> Iterator[Moment]:
+    """The moments, while ``progress`` is told how many readings have gone by."""
+    readings = 0
+    for moment in moments:
+        yield moment
+        if readings_of(moment):
+            readings += 1
+            if progress is not None and readings % PROGRESS_EVERY == 0:
+                progress(readings, total)
+    if progress is not None:
+        progress(total, total)  # those that were dropped came to no beam
 
 
 def _begun(session: Session, variant: Variant) -> Iterator[Artifact]:
@@ -102,12 +118,8 @@ def _exporters(
     if export is None:
         return {}
     return {
-        each.name: Exporter(
-            export / each.name, config_text=commented_toml(each.config),
-            config=each.config.model_dump(mode="json"), force=force,
-        )
-        for each in variants
-    }  # fmt: skip
+        each.name: exporter_for(export / each.name, each.config, force=force) for each in variants
+    }
 
 
 def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> ComparisonWriter | None:
@@ -120,26 +132,6 @@ def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> Compari
         every=max(each.config.rerun.every for each in variants),
         budget_mb=_budget_mb(variants),
     )  # fmt: skip
-
-
-def _is_reading(moment: Moment) -> bool:
-    return any(isinstance(artifact, Beam) for artifact in moment.values())
-
-
-def _is_result(artifact: Artifact) -> bool:
-    if isinstance(artifact, Snapshot):
-        return artifact.final
-    return isinstance(artifact, Segment | Finished)
-
-
-def _result(kept: Sequence[Artifact], damage: tuple[str, ...], left_out: str) -> RunResult:
-    return RunResult(
-        tuple(a for a in kept if isinstance(a, Snapshot)),
-        tuple(a for a in kept if isinstance(a, Segment)),
-        next(a for a in kept if isinstance(a, Finished)),
-        damage,
-        left_out,
-    )
 
 
 def _budget_mb(variants: Sequence[Variant]) -> float:

@@ -7,11 +7,8 @@ same run gives the same bytes.
 
 from __future__ import annotations
 
-import importlib.metadata
 import io
 import json
-import math
-import os
 import platform
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -22,9 +19,15 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from mapping.artifacts import Artifact, Border, Finished, RawPoints, Segment, Snapshot
+from mapping.artifacts import Artifact, Border, RawPoints, Snapshot
+from mapping.config import MappingConfig
+from mapping.config_text import commented_toml
 from mapping.grid import Layer
 from recorder.errors import BadInput, OutputExists
+from recorder.outputs import written_beside
+from recorder.versions import own_version
+from replay.collector import Collector
+from replay.json_values import json_value
 from replay.vector_files import segments_geojson, vector_dxf, vector_svg
 
 OCCUPIED_THRESHOLD = 0.65
@@ -47,52 +50,31 @@ class Exporter:
         self._directory = directory
         self._config_text = config_text
         self._config = config
-        self._snapshots: dict[str, Snapshot] = {}
-        self._borders: list[Border] = []
-        self._segments: list[Segment] = []
-        self._points: list[RawPoints] = []
-        self._finished: Finished | None = None
+        self._results = Collector()
         _make_directory(directory, force=force)
 
     def __call__(self, artifact: Artifact) -> None:
         """Keep what a file needs. Raises BadInput for a layer's name that no file can have."""
-        match artifact:
-            case Snapshot():
-                self._begin_layer(artifact)
-            case Border():
-                self._borders.append(artifact)
-            case Segment():
-                self._segments.append(artifact)
-            case RawPoints():
-                self._points.append(artifact)
-            case Finished():
-                self._finished = artifact
-            case _:
-                pass
-
-    def _begin_layer(self, snapshot: Snapshot) -> None:
-        """Keep the last map; the borders and lines of an earlier one are no results."""
-        name = snapshot.layer.name
-        self._borders = [b for b in self._borders if b.layer != name]
-        self._segments = [s for s in self._segments if s.layer != name or s.source != "grid"]
-        if snapshot.final:
-            _check_name(name)
-            self._snapshots[name] = snapshot
+        if isinstance(artifact, Snapshot) and artifact.final:
+            _check_name(artifact.layer.name)
+        self._results(artifact)
 
     def close(self) -> None:
         """Write every file. Raises BadInput when the directory cannot be written."""
         try:
             for name, content in self._files():
-                _write(self._directory / name, content)
+                with written_beside(self._directory / name) as part:
+                    part.write_bytes(content)
         except OSError as error:
             reason = error.strerror or error
             raise BadInput(f"cannot write into {self._directory}: {reason}") from error
 
     def _files(self) -> Iterator[tuple[str, bytes]]:
-        for name, snapshot in self._snapshots.items():
+        results = self._results
+        for name, snapshot in results.snapshots.items():
             layer = snapshot.layer
-            borders = [b for b in self._borders if b.layer == name]
-            segments = [s for s in self._segments if s.layer == name]
+            borders = [b for b in results.borders if b.layer == name]
+            segments = [s for s in results.segments if s.layer == name]
             on_grid = [s for s in segments if s.source == "grid"]
             raw = [s for s in segments if s.source == "raw"]
             yield f"{name}.npz", layer_npz(layer)
@@ -103,24 +85,32 @@ class Exporter:
             yield f"{name}.raw-segments.geojson", segments_geojson(raw).encode()
             yield f"{name}.dxf", vector_dxf(on_grid, borders).encode()
             yield f"{name}.svg", vector_svg(on_grid, borders).encode()
-            points = [p for p in self._points if p.layer == name]
+            points = [p for p in results.points if p.layer == name]
             yield f"{name}.points.csv", points_csv(points).encode()
         yield "summary.json", self._summary().encode()
 
     def _summary(self) -> str:
         """``readings`` is null when the run ended before it was finished."""
-        done = self._finished
-        layers = {n: {"kind": s.layer.kind, "rule": s.rule} for n, s in self._snapshots.items()}
+        done, snapshots = self._results.finished, self._results.snapshots
+        layers = {n: {"kind": s.layer.kind, "rule": s.rule} for n, s in snapshots.items()}
         summary = {
             "readings": done.readings if done else None,
             "used": dict(done.used) if done else {},
             "dropped": dict(done.dropped) if done else {},
             "layers": layers,
             "versions": versions(),
-            "config": _plain(self._config),
+            "config": json_value(self._config),
             "config_toml": self._config_text,
         }
         return json.dumps(summary, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def exporter_for(directory: Path, config: MappingConfig, *, force: bool) -> Exporter:
+    """An exporter of a run with a configuration; raises what :class:`Exporter` raises."""
+    return Exporter(
+        directory, config_text=commented_toml(config), config=config.model_dump(mode="json"),
+        force=force,
+    )  # fmt: skip
 
 
 def layer_npz(layer: Layer) -> bytes:
@@ -132,7 +122,7 @@ def layer_npz(layer: Layer) -> bytes:
         **layer.extra,
         "values": layer.values.astype(np.float32, copy=False),
         "origin_m": np.array(layer.geometry.origin_m, np.float64),
-        "resolution_m": np.float64(layer.geometry.resolution_m),  # type: ignore[dict-item]
+        "resolution_m": np.array(layer.geometry.resolution_m, np.float64),
         "kind": np.array(layer.kind),
         "layer": np.array(layer.name),
     }
@@ -187,12 +177,8 @@ def points_csv(points: Sequence[RawPoints]) -> str:
 
 
 def versions() -> dict[str, str]:
-    """What made the files: echogrid (``not installed`` in a bare checkout), NumPy and Python."""
-    try:
-        own = importlib.metadata.version("echogrid")
-    except importlib.metadata.PackageNotFoundError:
-        own = "not installed"
-    return {"echogrid": own, "numpy": np.__version__, "python": platform.python_version()}
+    """What made the files: echogrid, NumPy and Python."""
+    return {"echogrid": own_version(), "numpy": np.__version__, "python": platform.python_version()}
 
 
 def _make_directory(directory: Path, *, force: bool) -> None:
@@ -208,27 +194,3 @@ def _make_directory(directory: Path, *, force: bool) -> None:
 def _check_name(name: str) -> None:
     if not name or name.startswith(".") or any(c in "/\\:\0" for c in name):
         raise BadInput(f"the layer's name {name!r} cannot be the name of a file")
-
-
-def _write(path: Path, content: bytes) -> None:
-    part = path.with_name(path.name + ".part")
-    try:
-        part.write_bytes(content)
-        os.replace(part, path)
-    finally:
-        part.unlink(missing_ok=True)
-
-
-def _plain(value: Any) -> Any:
-    """What JSON can say: infinities and other types as text."""
-    match value:
-        case Mapping():
-            return {str(key): _plain(inner) for key, inner in value.items()}
-        case list() | tuple():
-            return [_plain(inner) for inner in value]
-        case float():
-            return value if math.isfinite(value) else str(value)
-        case None | bool() | int() | str():
-            return value
-        case _:
-            return str(value)

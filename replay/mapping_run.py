@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
+from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.pipeline import build_maps
@@ -18,7 +21,15 @@ from mapping.probing import CellProbe
 from recorder.messages import Range, Scan
 from recorder.outputs import check_output
 from recorder.session import WALLS, Session, read_session
-from replay.exports import Exporter
+from replay.collector import Collector
+from replay.exports import exporter_for
+
+if TYPE_CHECKING:
+    from replay.rrd.run_writer import RunWriter
+
+Taker = Callable[[Artifact], None]
+
+PROGRESS_EVERY = 50  # readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +43,7 @@ class RunResult:
     left_out: str
     probes: tuple[CellProbe, ...] = ()
     rrd: Path | None = None
+    clearest: str = ""  # the layer to look at first
 
 
 def map_session(
@@ -54,64 +66,67 @@ def map_session(
     if rrd is not None:
         check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
-    text = commented_toml(config)
     artifacts = build_maps(session.messages(), config, walls_m=true_walls(session))
+    first = next(artifacts)  # a session that cannot be mapped leaves no file behind
     watched = tuple(CellProbe(at_m) for at_m in probes)
-    takers: list[Callable[[Artifact], None]] = [*watched]  # before the writer, which draws them
+    for probe in watched:
+        probe(first)  # nor does a cell outside the grid
+    collector = Collector()
+    takers: list[Taker] = [*watched, collector]  # before the writer, which draws the watched cells
+    exporter = None if export is None else exporter_for(export, config, force=force)
+    if exporter is not None:
+        takers.append(exporter)
     with ExitStack() as stack:
-        exporter = None
-        first = next(artifacts)  # a session that cannot be mapped leaves no file behind
-        for probe in watched:
-            probe(first)  # nor does a cell outside the grid
-        if export is not None:
-            exporter = Exporter(
-                export, config_text=text, config=config.model_dump(mode="json"), force=force
-            )
-            takers.append(exporter)
         writer = None
         if rrd is not None:
-            from replay.rrd.run_writer import RunWriter
-
-            writer = stack.enter_context(
-                RunWriter(rrd, config, config_text=text, name=path.name, probes=watched)
-            )
+            writer = stack.enter_context(_writer(rrd, config, path.name, watched))
             takers.append(writer)
-        kept = _run(first, artifacts, takers, progress, reading_count(session))
+        _run(itertools.chain([first], artifacts), takers, progress, reading_count(session))
     if exporter is not None:
         exporter.close()
-    snapshots = tuple(a for a in kept if isinstance(a, Snapshot))
-    segments = tuple(a for a in kept if isinstance(a, Segment))
-    finished = next(a for a in kept if isinstance(a, Finished))
     left_out = "" if writer is None else writer.left_out
-    return RunResult(snapshots, segments, finished, session.damage, left_out, watched, rrd)
+    return result_of(collector, session.damage, left_out, probes=watched, rrd=rrd)
+
+
+def _writer(rrd: Path, config: MappingConfig, name: str, probes: Sequence[CellProbe]) -> RunWriter:
+    from replay.rrd.run_writer import RunWriter
+
+    return RunWriter(rrd, config, config_text=commented_toml(config), name=name, probes=probes)
 
 
 def _run(
-    first: Artifact,
-    others: Iterator[Artifact],
-    takers: Sequence[Callable[[Artifact], None]],
+    artifacts: Iterable[Artifact],
+    takers: Sequence[Taker],
     progress: Callable[[int, int], None] | None,
     total: int,
-) -> list[Artifact]:
-    from mapping.beams import Beam
-
-    kept: list[Artifact] = []
-    artifact: Artifact | None = first
-    while artifact is not None:
+) -> None:
+    for artifact in artifacts:
         for take in takers:
             take(artifact)
-        if isinstance(artifact, Snapshot):  # lines of an earlier stage are no results
-            kept = [each for each in kept if not isinstance(each, Segment)]
-        if isinstance(artifact, Segment | Finished) or (
-            isinstance(artifact, Snapshot) and artifact.final
+        if (
+            progress is not None
+            and isinstance(artifact, Beam)
+            and artifact.number % PROGRESS_EVERY == 0
         ):
-            kept.append(artifact)
-        if progress is not None and isinstance(artifact, Beam) and artifact.number % 50 == 0:
             progress(artifact.number, total)
-        artifact = next(others, None)
     if progress is not None:
         progress(total, total)  # those that were dropped came to no beam
-    return kept
+
+
+def result_of(
+    collector: Collector,
+    damage: tuple[str, ...],
+    left_out: str,
+    *,
+    probes: tuple[CellProbe, ...] = (),
+    rrd: Path | None = None,
+) -> RunResult:
+    """What a run came to, once it is finished."""
+    assert collector.finished is not None, "the last artifact of a run is Finished"
+    return RunResult(
+        tuple(collector.snapshots.values()), tuple(collector.segments), collector.finished,
+        damage, left_out, probes, rrd, collector.clearest,
+    )  # fmt: skip
 
 
 def reading_count(session: Session) -> int:

@@ -6,6 +6,7 @@ import math
 
 from mapping.fusion import FUSED
 from mapping.probing import BEHIND, BESIDE, EMPTY, OBSTACLE, CellProbe, Touch
+from replay.terminal import table_lines
 
 STRONGEST = 8  # readings in a table
 
@@ -122,15 +123,8 @@ def _row(touch: Touch) -> list[str]:
 
 
 def _table(touches: list[Touch]) -> list[str]:
-    """Columns under their heads, numbers to the right."""
-    rows = [["reading", "sensor", "range", "zone", "before", "after", "effect"]]
-    rows += [_row(touch) for touch in touches]
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    words = (1, 3)  # columns of words stand to the left
-    return [
-        "  " + "  ".join(
-            text.ljust(width) if k in words else text.rjust(width)
-            for k, (text, width) in enumerate(zip(row, widths, strict=True))
-        )
-        for row in rows
-    ]  # fmt: skip
+    """Columns under their heads."""
+    head = ["reading", "sensor", "range", "zone", "before", "after", "effect"]
+    words = (head.index("sensor"), head.index("zone"))
+    rows = [head, *(_row(touch) for touch in touches)]
+    return [f"  {line}" for line in table_lines(rows, words)]

@@ -8,12 +8,13 @@ is one, so that thin walls stay.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import Finished
+from mapping.grid import Layer, Window
 
 _UNKNOWN, _FREE, _UNDECIDED, _WALL = range(4)
 _PLAIN = {_UNKNOWN: "·", _FREE: " ", _UNDECIDED: "░"}
@@ -70,15 +71,16 @@ def pictures_beside(
     return "\n".join(lines[:-1])
 
 
-def table_text(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of words in columns: the first one to the left, numbers to the right."""
+def table_lines(rows: Sequence[Sequence[str]], words: Container[int] = (0,)) -> list[str]:
+    """Rows in columns: those of ``words``, by number, to the left, numbers to the right."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    lines = []
-    for row in rows:
-        cells = [f"{row[0]:<{widths[0]}}"]
-        cells += [f"{cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True)]
-        lines.append("  ".join(cells).rstrip())
-    return "\n".join(lines)
+    return [
+        "  ".join(
+            f"{cell:<{width}}" if column in words else f"{cell:>{width}}"
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        ).rstrip()
+        for row in rows
+    ]
 
 
 def _squares(
@@ -101,6 +103,19 @@ def _squares(
 def _character(upper: int, lower: int) -> str:
     walls = (upper == _WALL, lower == _WALL)
     return _WALLS[walls] if any(walls) else _PLAIN[max(upper, lower)]
+
+
+def legend(layer: str) -> str:
+    """What the characters of a layer's picture mean."""
+    return f"layer {layer}: █ wall, blank free, ░ undecided, · never seen"
+
+
+def map_lines(layer: Layer, finished: Finished) -> list[str]:
+    """The part of a layer that was seen, what it shows, and how many readings went into the map."""
+    seen = Window.around(layer.observed)
+    part = (layer.geometry.whole if seen.empty else seen).slices
+    drawn = picture(layer.probability[part], layer.observed[part])
+    return [*drawn.splitlines(), legend(layer.name), *summary_lines(finished)]
 
 
 def summary_lines(finished: Finished) -> list[str]:

@@ -1,4 +1,4 @@
-"""Segments and borders in the formats of other programs: GeoJSON, DXF and SVG, as text.
+"""Lines, and borders with them, in the formats of other programs: GeoJSON, DXF and SVG, as text.
 
 All are in metres in the map frame, y up. SVG has y down, so there y is negated. The libraries that
 write DXF and SVG are imported when they are needed.
@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from html import escape
-from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 
@@ -50,46 +48,12 @@ def segments_geojson(segments: Sequence[Segment]) -> str:
         )
         for segment in segments
     ]
-    return _collection(features)
-
-
-def borders_geojson(borders: Sequence[Border]) -> str:
-    """A FeatureCollection of one closed LineString a border, through the centres of its cells.
-
-    Properties: ``layer``, ``border`` (its number), ``outer`` and ``n``, the cells visited.
-    """
-    import geojson
-
-    features = [
-        geojson.Feature(
-            geometry=geojson.LineString(_closed_outline(border), precision=9),
-            properties={
-                "layer": border.layer,
-                "border": border.number,
-                "outer": border.outer,
-                "n": len(border.cells),
-            },
-        )
-        for border in borders
-    ]
-    return _collection(features)
-
-
-def _collection(features: list[Any]) -> str:
-    import geojson
-
     text: str = geojson.dumps(geojson.FeatureCollection(features), indent=1, allow_nan=False)
     return text + "\n"
 
 
 def _outline(border: Border) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in border.geometry.centres_of(border.cells)]
-
-
-def _closed_outline(border: Border) -> list[tuple[float, float]]:
-    """The first point again at the end; a single cell becomes a line of no length."""
-    outline = _outline(border)
-    return [*outline, outline[0]]
 
 
 def vector_dxf(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:
@@ -169,14 +133,3 @@ def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> s
         picture.append(drawsvg.Line(x0, -y0, x1, -y1, stroke_linecap="round", **look, **said))
     svg: str = picture.as_svg()
     return svg
-
-
-def _both_geojson(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:
-    return segments_geojson(segments) if segments or not borders else borders_geojson(borders)
-
-
-# By file ending: segments and borders (may be empty) → the text of a file. GeoJSON files hold one
-# kind of thing, so there borders are written only when there are no segments.
-VECTOR_FORMATS: Mapping[str, Callable[[Sequence[Segment], Sequence[Border]], str]] = (
-    MappingProxyType({"geojson": _both_geojson, "dxf": vector_dxf, "svg": vector_svg})
-)

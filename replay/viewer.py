@@ -22,6 +22,7 @@ from replay.rrd.program import (
     viewer_program,
 )
 
+_MAGIC = b"RRF"  # all formats of .rrd begin so
 NO_DISPLAY = "there is no display to open a window on; use --web to look at it in a browser"
 
 
@@ -36,15 +37,11 @@ def open_viewer(
 
     In a window of its own, which stays when this program ends; or with ``web`` in a browser, until
     Ctrl-C: ``announce`` is then called with the page's address, and ``browser`` says whether to
-    open it as well. Raises BadInput for a file that is not there or a session, which has no map
-    yet, and where there is no display for a window.
+    open it as well. Raises BadInput for a file that is not there or no recording (a session has no
+    map yet), and where there is no display for a window.
     """
     path = Path(path)
-    if not path.is_file():
-        raise BadInput(f"{path}: no such file")
-    if looks_like_session(path):
-        mapped = path.with_suffix(".rrd")
-        raise BadInput(f"{path} is a session; map it first: echogrid map {path} -o {mapped}")
+    _check_recording(path)
     if web:
         _serve(path, announce, browser)
         return
@@ -90,10 +87,7 @@ def waiting_viewer(
         from replay.rrd.web import WebViewer
 
         with WebViewer() as viewer:
-            if announce is not None:
-                announce(viewer.url)
-            if browser:
-                webbrowser.open(viewer.url)
+            _show_page(viewer.url, announce, browser)
             yield viewer.source
         return
     if not has_display():
@@ -104,12 +98,30 @@ def waiting_viewer(
     yield f"rerun+http://{LOCAL}:{window.ports[0]}/proxy"
 
 
+def _check_recording(path: Path) -> None:
+    """Raises BadInput, saying what to do, for what the viewer could only show as an empty page."""
+    if path.is_dir():
+        raise BadInput(f"{path}: a folder, not a recording (.rrd)")
+    if not path.is_file():
+        raise BadInput(f"{path}: no such file")
+    if looks_like_session(path):
+        mapped = path.with_suffix(".rrd")
+        raise BadInput(f"{path} is a session; map it first: echogrid map {path} -o {mapped}")
+    with path.open("rb") as file:
+        if file.read(len(_MAGIC)) != _MAGIC:
+            raise BadInput(f"{path}: not a recording; echogrid map SESSION -o NAME.rrd makes one")
+
+
 def _serve(path: Path, announce: Callable[[str], None] | None, browser: bool) -> None:
     from replay.rrd.web import WebViewer
 
     with WebViewer(path) as viewer, contextlib.suppress(KeyboardInterrupt):
-        if announce is not None:
-            announce(viewer.url)
-        if browser:
-            webbrowser.open(viewer.url)
+        _show_page(viewer.url, announce, browser)
         viewer.wait()
+
+
+def _show_page(url: str, announce: Callable[[str], None] | None, browser: bool) -> None:
+    if announce is not None:
+        announce(url)
+    if browser:
+        webbrowser.open(url)

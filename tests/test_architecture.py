@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import re
 import subprocess
 import sys
 import tomllib
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
+PAGE = (ROOT / "ARCHITECTURE.md").read_text("utf-8")
 ROOMS = ("recorder", "mapping", "replay")  # each may import itself and those before it
 DOORS = {
     "serial": ("recorder/link.py",),
@@ -89,6 +91,21 @@ def test_only_the_door_imports_the_library(library: str) -> None:
     users = [f.relative_to(ROOT).as_posix() for f in files if f.exists() and library in tops(f)]
     assert users, f"nobody imports {library} any more: is it still a dependency?"
     assert [user for user in users if not user.startswith(DOORS[library])] == []
+
+
+def test_the_page_names_the_same_doors() -> None:
+    _, _, doors = PAGE.partition("## Doors")
+    rows = re.findall(r"^\| `(\w+)` \| (.+) \|$", doors, re.MULTILINE)
+    told = {library: tuple(re.findall(r"`([^`]+?)(?:\*\.py)?`", files)) for library, files in rows}
+    assert told == DOORS
+
+
+def test_every_file_that_the_page_names_is_there() -> None:
+    names = set(re.findall(r"`([\w/*]+\.py)`", PAGE))
+    files = [f.relative_to(ROOT) for top in (*ROOMS, "tests") for f in files_of(top)]
+    files.append(Path("echogrid.py"))
+    assert len(names) > 50
+    assert [name for name in sorted(names) if not any(f.match(name) for f in files)] == []
 
 
 @pytest.mark.parametrize("name", [*ROOMS, "echogrid"])

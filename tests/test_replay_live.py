@@ -176,6 +176,19 @@ def test_the_command_records_and_maps(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "exists" in capsys.readouterr().err
 
 
+def test_without_a_recording_the_live_map_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    nobody = f"rerun+http://{LOCAL}:{free_ports(1)[0]}/proxy"
+    arguments = ["live", "sim:room", "--viewer", nobody, "-o", str(folder), "--duration", "4"]
+    assert main([*arguments, "--no-map", "--set", "grid.resolution_m=0.05"]) == 0
+    told = capsys.readouterr().out
+    assert "readings, used:" in told
+    assert "█" in told
+    assert not (folder / "live.rrd").exists()
+
+
 def test_without_a_display_nothing_is_begun(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -17,8 +17,6 @@ from mapping.config import BordersSection, SegmentsSection
 from mapping.grid import GridGeometry
 from mapping.segments import segments_from_borders
 from replay.vector_files import (
-    VECTOR_FORMATS,
-    borders_geojson,
     segments_geojson,
     vector_dxf,
     vector_svg,
@@ -54,18 +52,6 @@ def test_segments_as_geojson_keep_ends_and_properties(segments: list[Segment]) -
         assert (said["rms"], said["n"]) == (segment.rms_m, segment.points)
 
 
-def test_borders_as_geojson_are_closed_and_counter_clockwise(borders: list[Border]) -> None:
-    read = geojson.loads(borders_geojson(borders))
-    assert len(read.features) == len(borders)
-    for feature, border in zip(read.features, borders, strict=True):
-        ring = np.array(feature.geometry.coordinates)
-        np.testing.assert_array_equal(ring[0], ring[-1])
-        np.testing.assert_allclose(ring[:-1], border.geometry.centres_of(border.cells), atol=1e-9)
-        x, y = ring.T
-        area = float((x[:-1] * y[1:] - x[1:] * y[:-1]).sum())
-        assert (area > 0) == border.outer == feature.properties["outer"]
-
-
 def test_dxf_has_lines_in_metres_on_named_layers(
     segments: list[Segment], borders: list[Border]
 ) -> None:
@@ -97,15 +83,10 @@ def test_svg_stands_upright(segments: list[Segment], borders: list[Border]) -> N
         assert top < -y0 < top + height
 
 
-@pytest.mark.parametrize("ending", VECTOR_FORMATS)
-def test_nothing_found_is_still_a_file(ending: str) -> None:
-    text = VECTOR_FORMATS[ending]([], [])
-    if ending == "geojson":
-        assert json.loads(text) == {"type": "FeatureCollection", "features": []}
-    elif ending == "dxf":
-        assert len(ezdxf.read(io.StringIO(text)).modelspace()) == 0
-    else:
-        assert ElementTree.fromstring(text).tag == f"{SVG}svg"
+def test_nothing_found_is_still_a_file() -> None:
+    assert json.loads(segments_geojson([])) == {"type": "FeatureCollection", "features": []}
+    assert len(ezdxf.read(io.StringIO(vector_dxf([]))).modelspace()) == 0
+    assert ElementTree.fromstring(vector_svg([])).tag == f"{SVG}svg"
 
 
 def test_awkward_layer_names_survive(segments: list[Segment]) -> None:
@@ -124,5 +105,5 @@ def test_awkward_layer_names_survive(segments: list[Segment]) -> None:
 def test_geometry_is_that_of_the_map() -> None:
     geometry = GridGeometry((-1.0, 4.0), 0.5, 1, 1)
     border = Border("ping", 0, True, geometry, np.array([[0, 0]]))
-    ring = json.loads(borders_geojson([border]))["features"][0]["geometry"]["coordinates"]
-    assert ring == [[-0.75, 4.25], [-0.75, 4.25]]
+    (outline,) = ezdxf.read(io.StringIO(vector_dxf([], [border]))).modelspace()
+    assert [tuple(place) for place in outline.get_points("xy")] == [(-0.75, 4.25)]

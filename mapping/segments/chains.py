@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.segments.least_squares import FloatArray
+
+if TYPE_CHECKING:
+    from scipy.spatial import cKDTree
 
 Order = Literal["time", "bearing", "path"]
 # The shallowest angle at which a wall is still taken as one; coarse scans cannot be so strict.
@@ -126,7 +129,7 @@ def nearest_neighbour_path(points_m: FloatArray, gap_m: float) -> NDArray[np.int
 
 
 def _next_place(
-    tree: object,
+    tree: cKDTree,
     places: FloatArray,
     near: NDArray[np.int64],
     left: NDArray[np.bool_],
@@ -145,7 +148,7 @@ def _next_place(
         if count == len(places) or farthest > gap_m:
             return None
         count = min(4 * count, len(places))
-        _, candidates = tree.query(places[at], count)  # type: ignore[attr-defined]
+        _, candidates = tree.query(places[at], count)
 
 
 def chains_from_scan(ranges_m: FloatArray, bearings_rad: FloatArray, *, sigma_m: float) -> Chains:

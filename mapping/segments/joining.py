@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mapping.config import SegmentsSection
 from mapping.segments.least_squares import FittedLine, FloatArray, fit_line
-from mapping.segments.stages import Merge, Observer
+from mapping.segments.stages import Merge, Observer, place_of
 
 
 def merge_collinear(
@@ -88,7 +88,7 @@ def _tell(
         return
     ends = [p for one in (line, other) for p in (one.start_m, one.end_m)]
     middle = sorted(ends, key=lambda p: float(p @ merged.along))[1]
-    start, joint, end = ((float(p[0]), float(p[1])) for p in (merged.start_m, middle, merged.end_m))
+    start, joint, end = (place_of(p) for p in (merged.start_m, middle, merged.end_m))
     observe(Merge(start, joint, end, cost))
 
 

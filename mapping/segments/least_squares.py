@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Segment
 from mapping.grid import read_only
+from mapping.segments.stages import place_of
 from recorder.geometry import wrap_angle
 
 FloatArray = NDArray[np.float64]
@@ -105,8 +106,8 @@ def segment_of(
         layer=layer,
         source=source,
         border=border,
-        start_m=(float(line.start_m[0]), float(line.start_m[1])),
-        end_m=(float(line.end_m[0]), float(line.end_m[1])),
+        start_m=place_of(line.start_m),
+        end_m=place_of(line.end_m),
         rho_m=rho,
         alpha_rad=alpha,
         covariance=covariance,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -14,6 +13,7 @@ from mapping.segments.ordered import incremental, line_regression, split_and_mer
 from mapping.segments.stages import Observer
 from mapping.segments.unordered import expectation_maximisation, hough, ransac
 from recorder.errors import BadInput
+from recorder.names import nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,5 +46,5 @@ def line_method(name: str) -> LineMethod:
     """The method of that name; BadInput names the nearest known one."""
     if name in LINE_METHODS:
         return LINE_METHODS[name]
-    close = difflib.get_close_matches(name, list(LINE_METHODS), n=1, cutoff=0.0)
-    raise BadInput(f"unknown segments.method {name!r}; the nearest known one is {close[0]}")
+    near = nearest(name, LINE_METHODS, least_likeness=0.0)
+    raise BadInput(f"unknown segments.method {name!r}; the nearest known one is {near}")

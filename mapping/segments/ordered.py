@@ -11,7 +11,7 @@ from mapping.config import SegmentsSection
 from mapping.line_kernels import layout
 from mapping.segments.chains import Chains
 from mapping.segments.least_squares import FittedLine, FloatArray
-from mapping.segments.stages import Corner, Fit, Merge, Observer, Split
+from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, place_of
 from mapping.segments.windows import window_cuts
 
 _MERGE_RULES = {
@@ -113,7 +113,7 @@ def _line(chains: Chains, row: FloatArray) -> FittedLine:
 def _tell_splits(chains: Chains, splits: FloatArray, observe: Observer) -> None:
     points = chains.points_m
     for low, high, cut, distance in splits:
-        start, end, at = (_place(points[int(i)]) for i in (low, high, cut))
+        start, end, at = (place_of(points[int(i)]) for i in (low, high, cut))
         observe(Split(start, end, at, float(distance)))
 
 
@@ -122,20 +122,15 @@ def _tell_merges(chains: Chains, merges: FloatArray, observe: Observer) -> None:
         chain = int(np.searchsorted(chains.offsets, first, side="right")) - 1
         last = chains.points_of(chain, int(first), int(count))[-1]
         points = chains.points_m
-        observe(
-            Merge(_place(points[int(first)]), _place(points[int(joint)]), _place(last), float(cost))
-        )
+        start, at, end = (place_of(p) for p in (points[int(first)], points[int(joint)], last))
+        observe(Merge(start, at, end, float(cost)))
 
 
 def _tell_lines(lines: list[FittedLine], observe: Observer) -> None:
     for line in lines:
         t = (line.points_m[[0, -1]] - line.centre_m) @ line.along
-        start, end = (_place(line.centre_m + at * line.along) for at in t)
+        start, end = (place_of(line.centre_m + at * line.along) for at in t)
         observe(Fit(start, end, len(line.points_m), line.rms_m))
     for line in lines:
         if line.corners[1]:
-            observe(Corner(_place(line.end_m)))
-
-
-def _place(point: FloatArray) -> tuple[float, float]:
-    return (float(point[0]), float(point[1]))
+            observe(Corner(place_of(line.end_m)))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapping.config import SegmentsSection
 from mapping.segments.least_squares import FittedLine, FloatArray, fit_line
-from mapping.segments.stages import Corner, Fit, Observer
+from mapping.segments.stages import Corner, Fit, Observer, place_of
 
 # A guess at a line through some of the points: a place on it and its direction, or None.
 Guess = tuple[FloatArray, FloatArray] | None
@@ -79,7 +79,7 @@ def _long_enough(t: FloatArray, config: SegmentsSection) -> bool:
 
 def _tell(line: FittedLine, observe: Observer | None) -> None:
     if observe is not None:
-        start, end = ((float(p[0]), float(p[1])) for p in (line.start_m, line.end_m))
+        start, end = place_of(line.start_m), place_of(line.end_m)
         observe(Fit(start, end, len(line.points_m), line.rms_m))
 
 
@@ -106,7 +106,7 @@ def meet_at_corners(
         ends[a, side_a] = ends[b, side_b] = at
         taken[a, side_a] = taken[b, side_b] = True
         if observe is not None:
-            observe(Corner((float(at[0]), float(at[1]))))
+            observe(Corner(place_of(at)))
     return [
         replace(line, start_m=ends[k, 0], end_m=ends[k, 1], corners=(bool(c[0]), bool(c[1])))
         for k, (line, c) in enumerate(zip(lines, taken, strict=True))

@@ -8,7 +8,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 Place = tuple[float, float]
+
+
+def place_of(point_m: NDArray[np.float64]) -> Place:
+    """A point (2,) as a place."""
+    return float(point_m[0]), float(point_m[1])
 
 
 @dataclass(frozen=True, slots=True)

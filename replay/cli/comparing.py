@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from recorder.cli.progress import progress_bar
+from replay.cli.telling import tell_damage, tell_files
+
 if TYPE_CHECKING:
     from replay.comparison import Variant
     from replay.comparison_run import Comparison
@@ -20,29 +23,22 @@ def compare_and_tell(
     session: Path, variants: Sequence[Variant], rrd: Path | None, export: Path | None, *,
     more: Sequence[Path] = (), force: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    from rich.console import Console
-    from rich.progress import Progress
-
     from replay.comparison_run import compare_session
 
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
-        task = bar.add_task(f"mapping {session.name}, {len(variants)} times", total=None)
+    with progress_bar(f"mapping {session.name}, {len(variants)} times", quiet=quiet) as advance:
         comparison = compare_session(
             session, variants, more=more, rrd=rrd, export=export, force=force,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            progress=advance,
         )  # fmt: skip
-    damage = next(iter(comparison.results.values())).damage
-    for reason in damage:
-        click.echo(f"echogrid: {session}: {reason}", err=True)
+    of_all = next(iter(comparison.results.values()))  # what is lost and left out is so in each
+    status = tell_damage(session, of_all.damage)
     if not quiet:
-        _tell(variants, comparison, rrd, export)
-    return 1 if damage else 0
+        _tell(variants, comparison)
+        tell_files(of_all.left_out, rrd, export)
+    return status
 
 
-def _tell(
-    variants: Sequence[Variant], comparison: Comparison, rrd: Path | None, export: Path | None
-) -> None:  # fmt: skip
+def _tell(variants: Sequence[Variant], comparison: Comparison) -> None:
     from replay.comparison_table import (
         comparison_lines,
         footnotes,
@@ -50,7 +46,7 @@ def _tell(
         shown_layer,
         table_of,
     )
-    from replay.terminal import pictures_beside, summary_lines, table_text
+    from replay.terminal import legend, pictures_beside, summary_lines, table_lines
 
     results = comparison.results
     snapshots = {name: result.snapshots for name, result in results.items()}
@@ -63,9 +59,10 @@ def _tell(
         if snapshot.layer.name == layer
     }
     click.echo(pictures_beside(shown, min(shutil.get_terminal_size().columns, _WIDEST)))
-    click.echo(f"layer {layer}: █ wall, blank free, ░ undecided, · never seen\n")
+    click.echo(f"{legend(layer)}\n")
     lines = comparison_lines(snapshots, layer, thresholds)
-    click.echo(table_text(table_of(lines)))
+    for line in table_lines(table_of(lines)):
+        click.echo(line)
     segments = {name: result.segments for name, result in results.items()}
     for note in (*footnotes(lines), *same_maps(snapshots, segments, thresholds)):
         click.echo(note)
@@ -75,12 +72,6 @@ def _tell(
     for told in comparison.distances.told():
         click.echo(told)
     _tell_readings({name: summary_lines(result.finished) for name, result in results.items()})
-    left_out = next(iter(results.values())).left_out
-    if left_out:
-        click.echo(left_out)
-    written = [str(path) for path in (rrd, export) if path is not None]
-    if written:
-        click.echo("wrote " + " and ".join(written))
 
 
 def _tell_readings(told: Mapping[str, list[str]]) -> None:

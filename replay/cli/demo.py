@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import click
@@ -15,11 +14,27 @@ _SPEED = 4.0  # the demo's robot hurries, so that it has seen its room after som
 
 @click.command(epilog="Example:  echogrid demo --duration 20")
 @click.option(
-    "-o", "--output", type=options.FILE, help="Folder; default ./echogrid-demo, numbered."
+    "-o",
+    "--output",
+    type=options.FILE,
+    help="Folder to write to; default ./echogrid-demo, then ./echogrid-demo-2 and so on.",
 )
-@click.option("--room", default="room", show_default=True)
-@click.option("--duration", type=options.Number(min=1), default=15.0, show_default=True)
-@click.option("--seed", type=int, default=1, show_default=True)
+@click.option(
+    "--room",
+    default="room",
+    show_default=True,
+    help="Where it drives: a room's name (docs/simulator.md) or a GeoJSON file.",
+)
+@click.option(
+    "--duration",
+    type=options.Number(min=1),
+    default=15.0,
+    show_default=True,
+    help="Seconds that are recorded.",
+)
+@click.option(
+    "--seed", type=int, default=1, show_default=True, help="Of the robot's noise: any whole number."
+)
 @click.option("--no-view", is_flag=True, help="Do not open the viewer.")
 @click.option("--force", is_flag=True, help="Write into a folder that is not empty.")
 @click.option("--quiet", is_flag=True, help="Say nothing but errors.")
@@ -27,9 +42,11 @@ def demo(
     output: Path | None, room: str, duration: float, seed: int, no_view: bool, force: bool,
     quiet: bool,
 ) -> int:  # fmt: skip
-    """The main job: a simulated robot on a real serial line, recorded, mapped and shown."""
+    """See it work: simulate a robot, record it, map it, show it."""
     from mapping.config import load_config
     from replay.demo import new_folder, record_demo
+    from replay.rrd.program import has_display
+    from replay.viewer import open_viewer
 
     folder = new_folder(output, "echogrid-demo", force=force)
     session, rrd = folder / "demo.mcap", folder / "demo.rrd"
@@ -39,8 +56,6 @@ def demo(
     status = map_and_tell(session, load_config(), rrd, None, force=True, quiet=quiet)
     if not quiet:
         click.echo(f"look:  echogrid view {rrd}    (in a browser: --web)")
-    if not no_view and (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
-        from replay.viewer import open_viewer
-
+    if not no_view and has_display():
         open_viewer(rrd)
     return status

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mapping.cli import config_options
+from mapping.cli import config_options, plugin_option
 from recorder.cli import options
+from recorder.cli.progress import progress_bar
 
 if TYPE_CHECKING:
     from replay.diff.comparing import Report
@@ -19,23 +20,24 @@ if TYPE_CHECKING:
 )
 @click.argument("a", type=options.FILE)
 @click.argument("b", type=options.FILE)
-@config_options[0]
-@config_options[1]
-@config_options[2]
-@click.option(
-    "--plugin", "plugins", type=options.FILE, multiple=True, help="A rule or model of your own."
-)
+@config_options
+@plugin_option
 @click.option(
     "--tolerance", type=options.Number(min=0), default=0.0, show_default=True,
-    help="Cells differ when their values lie further apart.",
+    help="Cells differ when their values (probabilities, with most rules) lie further apart.",
 )  # fmt: skip
 @click.option(
     "--line-tolerance", "line_tolerance_m", type=options.Number(min=0), default=1e-6,
     show_default=True, help="Lines differ when an end moved further, in metres.",
 )  # fmt: skip
 @click.option("--layer", "layers", multiple=True, help="Only this layer; repeatable.")
-@click.option("--json", "as_json", is_flag=True, help="The figures for programs.")
-@click.option("-o", "--output", type=options.FILE, help="A picture (.png) or recording (.rrd).")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON, for programs.")
+@click.option(
+    "-o",
+    "--output",
+    type=options.FILE,
+    help="Draw the difference: a picture (.png) or a recording (.rrd).",
+)
 @options.force
 @options.quiet
 def diff(
@@ -43,7 +45,9 @@ def diff(
     plugins: tuple[Path, ...], tolerance: float, line_tolerance_m: float, layers: tuple[str, ...],
     as_json: bool, output: Path | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """Compare A and B: sessions, .rrd, .npz, map_server maps or export folders.
+    """Say what differs between two maps, sessions or recordings.
+
+    A and B are sessions, .rrd, .npz, map_server maps or export folders.
 
     Of an .rrd that holds several maps, name one: rules.rrd#bayes.
 
@@ -51,9 +55,6 @@ def diff(
     with the configuration that made the map, unless you give one. Exit code 0: the same.
     1: they differ. 2: they cannot be compared.
     """
-    from rich.console import Console
-    from rich.progress import Progress
-
     from mapping.config import load_config
     from mapping.plugins import load_plugin
     from replay.diff.comparing import compare
@@ -62,12 +63,10 @@ def diff(
     for plugin in plugins:
         load_plugin(plugin)
     config = load_config(configs, settings, preset) if configs or settings or preset else None
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
-        task = bar.add_task(f"comparing {a.name} and {b.name}", total=None)
+    with progress_bar(f"comparing {a.name} and {b.name}", quiet=quiet) as advance:
         report = compare(
             a, b, config, tolerance=tolerance, line_tolerance_m=line_tolerance_m, only=layers,
-            progress=lambda done, total: bar.update(task, completed=done, total=total),
+            progress=advance,
         )  # fmt: skip
     _tell(report, as_json=as_json, quiet=quiet)
     if output is not None:

@@ -20,14 +20,19 @@ from replay.cli.telling import map_and_tell
 @click.command(epilog="Example:  echogrid live sim:room --web")
 @click.argument("source")
 @click.option(
-    "-o", "--output", type=options.FILE, help="Folder; default ./echogrid-live, numbered."
+    "-o",
+    "--output",
+    type=options.FILE,
+    help="Folder to write to; default ./echogrid-live, then ./echogrid-live-2 and so on.",
 )
 @click.option("--web", is_flag=True, help="Show it in the browser, on 127.0.0.1.")
-@click.option("--viewer", metavar="URL", help="Show it in a viewer that is open there already.")
+@click.option(
+    "--viewer",
+    metavar="URL",
+    help="Show it in a viewer that is open already, as in rerun+http://127.0.0.1:9876/proxy.",
+)
 @click.option("--no-map", is_flag=True, help="Do not map the finished session into an .rrd.")
-@config_options[0]
-@config_options[1]
-@config_options[2]
+@config_options
 @line_options
 @options.force
 @options.quiet
@@ -36,7 +41,9 @@ def live(
     configs: tuple[Path, ...], settings: tuple[str, ...], preset: str | None, force: bool,
     quiet: bool, **choices: Any,
 ) -> int:  # fmt: skip
-    """Record SOURCE as `record` does, and watch its map grow meanwhile.
+    """Record SOURCE, and watch its map grow.
+
+    SOURCE is what `record` takes.
 
     The map is made in a process of its own. When it lags or ends, or the viewer is closed, the
     recording goes on. At the end the whole session is mapped once more, step by step, into an .rrd.
@@ -55,7 +62,9 @@ def live(
                 stop=ready.controls.stop, pause=ready.controls.pause,
                 on_status=ready.on_status, status_period_s=ready.status_period_s,
             )  # fmt: skip
-        status = tell_counters(result.counters, session, quiet=quiet)
+        status = tell_counters(
+            result.counters, session, quiet=quiet, source_damage=ready.options.source_damage
+        )
         if result.end.failure:
             click.echo(f"echogrid: the live map ended: {result.end.failure}", err=True)
         if result.end.not_followed and not quiet:
@@ -66,6 +75,8 @@ def live(
             status |= map_and_tell(
                 session, config, folder / "live.rrd", None, force=True, quiet=quiet
             )
+        elif result.end.told and not quiet:
+            click.echo(result.end.told)
         if web and sys.stdin is not None and sys.stdin.isatty():
             click.echo("the live map stays in the browser until Enter or Ctrl-C")
             with contextlib.suppress(KeyboardInterrupt, EOFError):

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from mapping.cli import config_options
+from mapping.cli import plugin_option, preset_option, setting_option
 from recorder.cli import options
 from recorder.errors import BadInput
 from replay.cli.comparing import compare_and_tell
@@ -18,6 +18,19 @@ if TYPE_CHECKING:
     from replay.comparison import Variant
 
 
+def _pose(context: click.Context, parameter: click.Parameter, given: str | None) -> str | None:
+    """The pose as it goes into the configuration; a usage error where it is not three numbers."""
+    if given is None:
+        return None
+    try:
+        x, y, deg = (float(part) for part in given.split(","))
+    except ValueError:
+        raise click.BadParameter(
+            f"{given!r} is not x,y,deg (metres, degrees), as in 0.5,0.6,90"
+        ) from None
+    return f"{x},{y},{deg}"
+
+
 @click.command("map", epilog="Example:  echogrid map run.mcap -o run.rrd --export out")
 @click.argument("sessions", nargs=-1, required=True, type=options.FILE)
 @click.option("-o", "--output", required=True, help="The .rrd to write; - for none.")
@@ -26,31 +39,39 @@ if TYPE_CHECKING:
     "configs",
     type=options.FILE,
     multiple=True,
-    help="A TOML file; several make several maps, side by side.",
+    help="Configuration to use, a TOML file as `echogrid config` prints; several make several "
+    "maps, side by side.",
 )
-@config_options[1]
-@config_options[2]
+@setting_option
+@preset_option
 @click.option(
     "--compare",
     metavar="WHAT",
     help="Several maps side by side: rules, models, pose, or A.B=C,D with all values of one key.",
 )
-@click.option("--export", type=options.FILE, help="Folder for grids, map files, borders and lines.")
+@click.option("--export", type=options.FILE, help="Folder to write grids, borders and lines to.")
+@plugin_option
 @click.option(
-    "--plugin", "plugins", type=options.FILE, multiple=True, help="A rule or model of your own."
+    "--pose",
+    metavar="X,Y,DEG",
+    callback=_pose,
+    help="The robot stood still here (metres, degrees): no tracker needed.",
 )
-@click.option("--pose", help="x,y,deg of a robot that stood still: no tracker needed.")
 @probe_option
-@click.option("--rrd-budget-mb", type=options.Number(min=1), help="Size the .rrd stays under.")
+@click.option(
+    "--rrd-budget-mb",
+    type=options.Number(min=1),
+    help="MB that the .rrd should stay under; default: 100.",
+)
 @click.option("--force", is_flag=True, help="Replace outputs that exist.")
-@click.option("--quiet", is_flag=True, help="Say nothing but errors.")
+@options.quiet
 def map_(
     sessions: tuple[Path, ...], output: str, configs: tuple[Path, ...], settings: tuple[str, ...],
     preset: str | None, compare: str | None, export: Path | None, plugins: tuple[Path, ...],
     pose: str | None, probes: tuple[Point, ...], rrd_budget_mb: float | None, force: bool,
     quiet: bool,
 ) -> int:  # fmt: skip
-    """Map a SESSION, every step into an .rrd recording.
+    """Map a SESSION, and write every step into an .rrd recording.
 
     Several files are one session: its parts, or runs of one robot in one place.
     """
@@ -67,6 +88,8 @@ def map_(
     rrd = None if output == "-" else Path(output)
     if rrd is not None and rrd.suffix == ".mcap":
         raise BadInput(f"{rrd}: the map is written as an .rrd recording, not as a session")
+    if rrd is not None and rrd.suffix != ".rrd":  # by which the viewer knows it
+        raise BadInput(f"{rrd}: the name of a recording must end in .rrd")
     session, *more = sessions
     if compare is not None or len(configs) > 1:
         variants = _variants(configs, compare, extra, preset)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from recorder.cli import options
+from recorder.cli.progress import progress_bar
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-    from contextlib import ExitStack
-
     from recorder.playback import Playback
     from recorder.playback_run import PlayedCounts
 
@@ -29,17 +28,35 @@ if TYPE_CHECKING:
     show_default=True,
     help="pty makes a serial port; socket or socket://HOST:PORT listens; or a device; none.",
 )
-@click.option("--speed", type=float, default=1.0, show_default=True, help="0: as fast as it goes.")
+@click.option(
+    "--speed",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="How many times as fast as it was; 0: as fast as it goes.",
+)
 @click.option("--fast", is_flag=True, help="The same as --speed 0.")
-@click.option("--baud", type=int, help="Speed of a device's line; default: the protocol's.")
-@click.option("--tracker-port", type=click.IntRange(0, 65535), help="Poses over TCP; 0: any port.")
-@click.option("--poses-in-line", is_flag=True, help="Without raw lines: poses as lines, too.")
+@click.option(
+    "--baud", type=int, help="Speed of a device's line in bits a second; default: 115200."
+)
+@click.option(
+    "--tracker-port",
+    type=click.IntRange(0, 65535),
+    help="Send the poses over TCP, from this port; 0: any free one.",
+)
+@click.option(
+    "--poses-in-line",
+    is_flag=True,
+    help="Send the poses as lines, too (for sessions without raw lines).",
+)
 @options.quiet
 def replay(
     session: Path, to: str, speed: float, fast: bool, baud: int | None, tracker_port: int | None,
     poses_in_line: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """Say a SESSION again, in time: its serial lines byte by byte, its poses as a tracker.
+    """Say a SESSION again, in time, as its robot did.
+
+    Its serial lines come byte by byte, its poses as from a tracker.
 
     It begins when somebody has opened the port (and connected to the tracker, where there is one).
     """
@@ -69,8 +86,6 @@ def _play(
     quiet: bool,
 ) -> PlayedCounts:  # fmt: skip
     """Open both ends, say where they are, play with a bar."""
-    from contextlib import ExitStack
-
     from recorder.clock import HostClock
     from recorder.controls import Controls, signals
     from recorder.errors import LinkError
@@ -90,20 +105,8 @@ def _play(
         click.echo(outlet.name)
     if tracker is not None:
         click.echo(tracker.url)
-    with ExitStack() as stack:
-        stack.enter_context(signals(controls))
-        on_second = (lambda _: None) if quiet else _bar(stack, playback.duration_s)
+    with signals(controls), progress_bar("replay", quiet=quiet) as advance:
         return play(
             playback, outlet, tracker, speed=speed, clock=clock, stop=controls.stop,
-            on_second=on_second,
+            on_second=functools.partial(advance, total=playback.duration_s),
         )  # fmt: skip
-
-
-def _bar(stack: ExitStack, duration_s: float) -> Callable[[float], None]:
-    """A bar over the session's seconds, on standard error."""
-    from rich.console import Console
-    from rich.progress import Progress
-
-    progress = stack.enter_context(Progress(console=Console(stderr=True), transient=True))
-    task = progress.add_task("replay", total=duration_s)
-    return lambda passed_s: progress.update(task, completed=passed_s)

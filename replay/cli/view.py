@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -12,13 +11,14 @@ from recorder.cli import options
 
 @click.command(epilog="Example:  echogrid view run.rrd --web")
 @click.argument("file", type=options.FILE)
-@click.option("--web", is_flag=True, help="In the browser, served on 127.0.0.1.")
+@click.option(
+    "--web",
+    is_flag=True,
+    help="In the browser instead of a window, served on 127.0.0.1; Ctrl-C ends it.",
+)
 def view(file: Path, web: bool) -> int:
     """Open a recording in the Rerun viewer."""
-    from recorder.errors import BadInput
     from replay.viewer import open_viewer
 
-    if not file.is_file():
-        raise BadInput(f"{file}: no such file")
-    open_viewer(file, web=web, announce=lambda line: click.echo(line, file=sys.stdout))
+    open_viewer(file, web=web, announce=click.echo)
     return 0

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import Border, Segment
-from mapping.grid import GridGeometry
+from mapping.grid import GridGeometry, start_of
 from mapping.update_rules.rules import HIMM_MOST
 
 Values = NDArray[np.floating]
@@ -20,9 +20,6 @@ Codes = NDArray[np.uint8]
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 CLASS_NAMES = ("unknown", "free", "occupied")
 OCCUPIED_ABOVE, FREE_BELOW = 0.55, 0.45
-
-# What a cell holds before any reading, by the unit of the values; all others begin at 0.
-_STARTS = {"probability": 0.5, "odds": 1.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +97,6 @@ class Source:
     notes: tuple[str, ...] = ()
     damaged: bool = False
     history: History | None = None
-
-
-def start_of(kind: str) -> float:
-    """What a cell holds before any reading, in the unit ``kind``."""
-    return _STARTS.get(kind, 0.0)
 
 
 def probability_of(

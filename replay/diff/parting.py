@@ -10,9 +10,10 @@ import numpy as np
 
 from mapping.artifacts import Artifact, MergedGrid
 from mapping.beams import Beam
+from mapping.grid import start_of
 from replay.diff.alignment import common_grid, padded
 from replay.diff.cells import beyond, distances
-from replay.diff.layers import History, MapLayer, Moment, Values, start_of
+from replay.diff.layers import History, MapLayer, Moment, Values
 
 
 @dataclass(frozen=True, slots=True)

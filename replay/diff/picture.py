@@ -7,7 +7,6 @@ both share in grey. Walls that changed are outlined, and so is the cell that dif
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mapping.grid import Window
 from recorder.errors import BadInput
+from recorder.outputs import written_beside
 from replay.diff.alignment import Aligned
 from replay.diff.cells import distances
 from replay.diff.comparing import LayerReport, Report
@@ -29,6 +29,7 @@ _FULLER, _EMPTIER, _BOTH = (214, 39, 40), (31, 100, 210), (190, 190, 190)
 _GONE, _COME, _WORST = (255, 127, 14), (44, 140, 44), (160, 32, 200)
 _PANEL_PX, _HIGHEST_PX, _LARGEST_CELL_PX = 400, 400, 24.0
 _GAP_PX, _TEXT_PX = 16, 17
+_AIR_CELLS = 3  # around what was seen
 _MOST_LAYERS = 4
 _CLASS_SHADE = {FREE: 0.0, OCCUPIED: 1.0}
 _LEGEND = (
@@ -64,15 +65,12 @@ def draw(report: Report) -> Image.Image:
 
 def save_picture(report: Report, path: Path) -> None:
     """Write the picture as PNG, beside its name first. Raises BadInput where it cannot be."""
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        draw(report).save(part, format="PNG", optimize=True)
-        os.replace(part, path)
+        with written_beside(path) as part:
+            draw(report).save(part, format="PNG", optimize=True)
     except OSError as error:
         raise BadInput(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _row(layer: LayerReport, report: Report) -> Image.Image:
@@ -146,11 +144,12 @@ def _seen_part(pair: Aligned) -> Window:
     """The rectangle of all that either has seen or that differs, and a little around it."""
     there = (pair.a_classes != UNKNOWN) | (pair.b_classes != UNKNOWN)
     there |= distances(pair.a_values, pair.b_values) > 0.0
-    rows, cols = np.flatnonzero(there.any(axis=1)), np.flatnonzero(there.any(axis=0))
-    if not len(rows):
+    seen = Window.around(there)
+    if seen.empty:
         return pair.geometry.whole
-    row0, col0 = max(int(rows[0]) - 3, 0), max(int(cols[0]) - 3, 0)
-    row1, col1 = (min(int(v[-1]) + 4, n) for v, n in zip((rows, cols), there.shape, strict=True))
+    row0, col0 = max(seen.row0 - _AIR_CELLS, 0), max(seen.col0 - _AIR_CELLS, 0)
+    row1 = min(seen.row0 + seen.rows + _AIR_CELLS, pair.geometry.rows)
+    col1 = min(seen.col0 + seen.cols + _AIR_CELLS, pair.geometry.cols)
     return Window(row0, col0, row1 - row0, col1 - col0)
 
 

@@ -3,12 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import fields, is_dataclass
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from mapping.artifacts import MergedGrid, Snapshot
 from replay.diff.cells import Cell
@@ -16,6 +11,7 @@ from replay.diff.comparing import LayerReport, Report
 from replay.diff.layers import Line, Moment
 from replay.diff.lines import BorderFigures, LineFigures
 from replay.diff.parting import Heard, Parting, StepParting
+from replay.json_values import json_object, json_value
 
 # What a step of a recording was, for people.
 _CAME = {
@@ -175,13 +171,13 @@ def as_json(report: Report) -> dict[str, Any]:
         "differs": report.differs,
         "verdict": report.verdict.kind,
         "words": report.verdict.words,
-        "wall_changes": _plain(report.verdict.changes),
+        "wall_changes": json_value(report.verdict.changes),
         "notes": list(report.notes),
         "only_in_a": list(report.only_a),
         "only_in_b": list(report.only_b),
         "layers": {layer.name: _layer_json(layer) for layer in report.layers},
-        "first_reading": _plain(report.parting),
-        "first_step": _plain(report.step_parting),
+        "first_reading": json_value(report.parting),
+        "first_step": json_value(report.step_parting),
     }
 
 
@@ -193,29 +189,14 @@ def _layer_json(layer: LayerReport) -> dict[str, Any]:
         "origin_m": list(geometry.origin_m),
         "resolution_m": geometry.resolution_m,
         "shape": list(geometry.shape),
-        **_plain(layer.cells),
+        **json_object(layer.cells),
         "near_a": layer.verdict.near_a,
         "near_b": layer.verdict.near_b,
         "near_m": layer.verdict.near_m,
         "noise_m": layer.verdict.noise_m,
-        "arrays": _plain(layer.extras),
-        "lines": _plain(layer.lines),
-        "borders": _plain(layer.borders),
-        "last_written_a": _plain(layer.written_a),
-        "last_written_b": _plain(layer.written_b),
+        "arrays": json_value(layer.extras),
+        "lines": json_value(layer.lines),
+        "borders": json_value(layer.borders),
+        "last_written_a": json_value(layer.written_a),
+        "last_written_b": json_value(layer.written_b),
     }
-
-
-def _plain(value: Any) -> Any:
-    """Dataclasses as dicts, arrays and tuples as lists."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {each.name: _plain(getattr(value, each.name)) for each in fields(value)}
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [_plain(each) for each in value]
-    if isinstance(value, Path):
-        return str(value)
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value

@@ -66,7 +66,7 @@ class LiveFeed:
     ) -> None:
         self._queue.cancel_join_thread()
         self._queue.close()
-        if self._process.is_alive():
+        if self.is_following:
             self._process.kill()
         self._process.join()
         self._answer.close()
@@ -93,7 +93,7 @@ class LiveFeed:
     def finish(self, patience_s: float) -> LiveEnd:
         """Nothing more comes: wait for the follower's end, but not for ever."""
         end_s = time.monotonic() + patience_s
-        while self._process.is_alive() and time.monotonic() < end_s:
+        while self.is_following and time.monotonic() < end_s:
             try:
                 self._queue.put(None, timeout=_LOOK_S)
                 break

@@ -13,6 +13,7 @@ from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.live_pipeline import build_live_maps
 from recorder.messages import Message
+from replay.terminal import map_lines
 
 
 def show_live(
@@ -42,17 +43,6 @@ def show_live(
         elif isinstance(artifact, Finished):
             finished = artifact
     writer.close()
-    return "" if last is None or finished is None else _told(last, finished)
-
-
-def _told(last: Snapshot, finished: Finished) -> str:
-    from replay.terminal import picture, summary_lines
-
-    shown = last.layer
-    return "\n".join(
-        [
-            picture(shown.probability, shown.observed),
-            f"layer {shown.name}: █ wall, blank free, ░ undecided, · never seen",
-            *summary_lines(finished),
-        ]
-    )
+    if last is None or finished is None:
+        return ""
+    return "\n".join(map_lines(last.layer, finished))

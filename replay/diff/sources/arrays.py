@@ -8,7 +8,6 @@ A golden file holds ``origin_m`` and ``resolution_m`` once, and for each layer `
 from __future__ import annotations
 
 import io
-import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
+from recorder.outputs import written_beside
 from replay.diff.layers import Line, MapLayer, Outline, Source, Values, value_layer
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -102,21 +102,20 @@ def write_npz(path: Path, source: Source) -> None:
     arrays: dict[str, NDArray[Any]] = {"config_toml": np.array(source.config_toml)}
     for name, layer in source.layers.items():
         arrays |= _layer_arrays(name, layer, path)
-    part = path.with_name(path.name + ".part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        with (
+            written_beside(path) as part,
+            zipfile.ZipFile(part, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive,
+        ):
             for key, array in arrays.items():
                 content = io.BytesIO()
                 np.lib.format.write_array(content, np.asarray(array), allow_pickle=False)
                 entry = zipfile.ZipInfo(f"{key}.npy", _EPOCH)
                 entry.compress_type = zipfile.ZIP_DEFLATED
                 archive.writestr(entry, content.getvalue())
-        os.replace(part, path)
     except OSError as error:
         raise BadInput(f"cannot write {path}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _layer_arrays(name: str, layer: MapLayer, path: Path) -> dict[str, NDArray[Any]]:

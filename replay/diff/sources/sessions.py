@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass, field
 from pathlib import Path
 
-from mapping.artifacts import Artifact, Border, Segment, Snapshot, Started
-from mapping.beams import Beam
+from mapping.artifacts import Artifact, Started
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
-from mapping.grid import GridGeometry
+from mapping.grid import GridGeometry, Layer
 from mapping.pipeline import build_maps
 from recorder.session import Session, read_session
+from replay.collector import Collector
 from replay.diff.alignment import common_grid
 from replay.diff.layers import MapLayer, Source, line_of, outline_of, value_layer
 from replay.diff.parting import Parting, Readings, readings_of, walk_in_step
@@ -20,51 +19,10 @@ from replay.diff.parting import Parting, Readings, readings_of, walk_in_step
 Progress = Callable[[int, int], None]
 
 
-@dataclass(slots=True)
-class Results:
-    """Collects from a run what a comparison needs: call it with each artifact."""
-
-    _snapshots: dict[str, Snapshot]
-    _segments: list[Segment]
-    _borders: list[Border]
-    _beam_widths_rad: dict[str, float] = field(default_factory=dict)
-
-    def __call__(self, artifact: Artifact) -> None:
-        """Keep the final maps and the lines and borders that were found last."""
-        match artifact:
-            case Beam():
-                self._beam_widths_rad.setdefault(artifact.layer, artifact.beam_width_rad)
-            case Snapshot():
-                # Stages may be shown again and again: the newest lines and borders count.
-                name = artifact.layer.name
-                self._snapshots[name] = artifact
-                self._segments = [s for s in self._segments if s.layer != name]
-                self._borders = [b for b in self._borders if b.layer != name]
-            case Segment():
-                self._segments.append(artifact)
-            case Border():
-                self._borders.append(artifact)
-            case _:
-                pass
-
-    def layers(self) -> dict[str, MapLayer]:
-        """Every layer by name."""
-        return {name: self._layer(s) for name, s in self._snapshots.items()}
-
-    def _layer(self, snapshot: Snapshot) -> MapLayer:
-        layer = snapshot.layer
-        return value_layer(
-            layer.name, layer.kind, layer.geometry, layer.values, extra=layer.extra,
-            lines=tuple(line_of(s) for s in self._segments if s.layer == layer.name),
-            borders=tuple(outline_of(b) for b in self._borders if b.layer == layer.name),
-            beam_width_rad=self._beam_widths_rad.get(layer.name),
-        )  # fmt: skip
-
-
 def map_one(path: Path, config: MappingConfig, progress: Progress | None = None) -> Source:
     """One session as a map on its own grid. Raises an EchogridError in one line."""
     session = read_session(path)
-    results = Results({}, [], [])
+    results = Collector()
     total = len(session.records)
     for number, artifact in enumerate(build_maps(session.messages(), config)):
         results(artifact)
@@ -88,7 +46,7 @@ def map_two(
     """
     sessions = [read_session(path) for path in (a, b)]
     config = _on_one_grid(sessions, config)
-    collected = [Results({}, [], []), Results({}, [], [])]
+    collected = [Collector(), Collector()]
     streams = [
         _watched(build_maps(session.messages(), config), results)
         for session, results in zip(sessions, collected, strict=True)
@@ -106,17 +64,27 @@ def map_two(
     return left, right, parting
 
 
-def _watched(artifacts: Iterable[Artifact], results: Results) -> Iterator[Artifact]:
+def _watched(artifacts: Iterable[Artifact], results: Collector) -> Iterator[Artifact]:
     for artifact in artifacts:
         results(artifact)
         yield artifact
 
 
-def _source(session: Session, path: Path, results: Results, config: MappingConfig) -> Source:
+def _source(session: Session, path: Path, results: Collector, config: MappingConfig) -> Source:
     notes = tuple(f"{path.name}: {reason}" for reason in session.damage)
+    layers = {name: _layer(each.layer, results) for name, each in results.snapshots.items()}
     return Source(
-        path, "session", results.layers(), config_toml=commented_toml(config), notes=notes,
+        path, "session", layers, config_toml=commented_toml(config), notes=notes,
         damaged=bool(session.damage),
+    )  # fmt: skip
+
+
+def _layer(layer: Layer, results: Collector) -> MapLayer:
+    return value_layer(
+        layer.name, layer.kind, layer.geometry, layer.values, extra=layer.extra,
+        lines=tuple(line_of(s) for s in results.segments if s.layer == layer.name),
+        borders=tuple(outline_of(b) for b in results.borders if b.layer == layer.name),
+        beam_width_rad=results.beam_widths_rad.get(layer.name),
     )  # fmt: skip
 
 
