@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from PIL import Image
+from PIL import Image, ImageDraw, ImageFont
 
 from mapping.artifacts import Artifact, MergedGrid, TempGrid
 from mapping.beams import Beam
@@ -37,6 +37,9 @@ WIDTH_PX = 1400
 MENU_PX = 36  # the viewer's own bar, of no interest here
 GREETING_S = 8.0  # the viewer covers a corner with a message at first
 MOST_BYTES = 400_000
+STRIP = "reading.png"
+STRIP_WINDOW_PX = (2400, 1500)  # large, so that a part of it is still sharp
+PANEL_PX, CAPTION_PX, GAP_PX = 460, 34, 10
 
 Artifacts = Sequence[Artifact]
 
@@ -102,7 +105,8 @@ SHOTS = (
 
 def main() -> None:
     """The asked pictures, or all, into docs/images."""
-    asked = [shot for shot in SHOTS if shot.name in sys.argv[1:]] or list(SHOTS)
+    strip = not sys.argv[1:] or STRIP in sys.argv[1:]
+    asked = [shot for shot in SHOTS if shot.name in sys.argv[1:] or not sys.argv[1:]]
     IMAGES.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         session = Path(folder, "room.mcap")
@@ -111,10 +115,12 @@ def main() -> None:
         artifacts = list(build_maps(read_session(session).messages(), config))
         for watched in (False, True):
             shots = [shot for shot in asked if shot.watched == watched]
-            if shots:
+            if shots or (strip and not watched):
                 rrd = Path(folder, f"room-{watched}.rrd")
                 _map(session, rrd, watched=watched)
                 _take(rrd, shots, artifacts)
+                if strip and not watched:
+                    _take_strip(rrd, artifacts)
 
 
 def _map(session: Path, rrd: Path, *, watched: bool) -> None:
@@ -138,6 +144,56 @@ def _take(rrd: Path, shots: Sequence[Shot], artifacts: Artifacts) -> None:
             print(complaint, file=sys.stderr)
 
 
+def _take_strip(rrd: Path, artifacts: Artifacts) -> None:
+    """The three steps of one reading side by side: the map of its sensor in each."""
+    merged = largest_change(artifacts)
+    beam = artifacts[merged - 2]
+    assert isinstance(beam, Beam), "a reading is a beam, what it says, and what it changed"
+    captions = (
+        f"1  the sonar measures {beam.ranges_m[0]:.2f} m",
+        "2  maybe there (red), not here (blue)",
+        "3  the map with this reading",
+    )
+    with HeadlessViewer(rrd, size=STRIP_WINDOW_PX) as viewer:
+        time.sleep(GREETING_S)
+        panels = []
+        for step in (merged - 2, merged - 1, merged):
+            viewer.go_to(step)
+            time.sleep(GREETING_S / 4)  # the window is large, and loads while it draws
+            panels.append(viewer.screenshot(beam.layer))
+    box = _map_box(panels[0])
+    panels = [panel.crop(box) for panel in panels]
+    height = round(panels[0].height * PANEL_PX / panels[0].width)
+    width = len(panels) * (PANEL_PX + GAP_PX) - GAP_PX
+    whole = Image.new("RGB", (width, height + CAPTION_PX), "white")
+    pen = ImageDraw.Draw(whole)
+    for number, (panel, caption) in enumerate(zip(panels, captions, strict=True)):
+        left = number * (PANEL_PX + GAP_PX)
+        pen.text((left + 2, 4), caption, "black", ImageFont.load_default(20))
+        small = panel.resize((PANEL_PX, height), Image.Resampling.LANCZOS)
+        whole.paste(small, (left, CAPTION_PX))
+    target = IMAGES / STRIP
+    _few_colours(whole).save(target, optimize=True)
+    print(f"{STRIP}: step {merged}, {target.stat().st_size} bytes")
+
+
+def _map_box(view: Image.Image) -> tuple[int, int, int, int]:
+    """The map without the dark around it: much of it is as bright as what was never seen."""
+    bright = view.convert("L").point(lambda value: 255 * (value > 128))
+    rows = [y for y in range(view.height) if _share(bright.crop((0, y, view.width, y + 1))) > 0.3]
+    cols = [x for x in range(view.width) if _share(bright.crop((x, 0, x + 1, view.height))) > 0.2]
+    return cols[0], rows[0], cols[-1] + 1, rows[-1] + 1
+
+
+def _few_colours(picture: Image.Image) -> Image.Image:
+    """256 colours, for a small file; those of thin lines are kept apart from others."""
+    return picture.quantize(256, kmeans=3, dither=Image.Dither.NONE)
+
+
+def _share(strip: Image.Image) -> float:
+    return strip.histogram()[255] / (strip.width * strip.height)
+
+
 def _echogrid(*arguments: str) -> None:
     command = [sys.executable, "-m", "echogrid", *arguments, "--quiet"]
     subprocess.run(command, check=True, cwd=REPOSITORY)
@@ -148,7 +204,7 @@ def _save(taken: Image.Image, target: Path) -> int:
     window = taken.crop((0, MENU_PX, taken.width, taken.height))
     height = round(window.height * WIDTH_PX / window.width)
     small = window.resize((WIDTH_PX, height), Image.Resampling.LANCZOS)
-    small.quantize(256, dither=Image.Dither.NONE).save(target, optimize=True)
+    _few_colours(small).save(target, optimize=True)
     size = target.stat().st_size
     if size > MOST_BYTES:
         raise SystemExit(f"{target.name} has {size} bytes, more than {MOST_BYTES}")
