@@ -6,7 +6,6 @@ heavy is imported here; each command imports what it needs when it runs.
 
 from __future__ import annotations
 
-import errno
 import os
 import sys
 from collections.abc import Sequence
@@ -16,14 +15,13 @@ import click
 
 from mapping import cli as mapping_cli
 from recorder import cli as recorder_cli
+from recorder.outputs import NO_ROOM
 from replay import cli as replay_cli
 
 if TYPE_CHECKING:
     from replay.mapping_run import RunResult
 
 __version__ = "0.1.0"
-
-_NO_ROOM = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT)  # on a disk, or for this user or process
 
 
 @click.group(
@@ -75,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except OSError as error:
-        if error.errno not in _NO_ROOM:  # all else is told by who knows more, or is a bug
+        if error.errno not in NO_ROOM:  # all else is told by who knows more, or is a bug
             raise
         click.echo(f"echogrid: {error.strerror}", err=True)
         return 2

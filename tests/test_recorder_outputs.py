@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import pytest
 
 from recorder.errors import BadInput, OutputExists
 from recorder.names import did_you_mean, nearest
-from recorder.outputs import check_output, written_beside
+from recorder.outputs import check_output, check_room, written_beside
 
 
 def test_a_file_takes_its_name_when_it_is_complete(tmp_path: Path) -> None:
@@ -54,3 +55,24 @@ def test_the_nearest_name_or_none() -> None:
     assert nearest("zzz", known) is None
     assert did_you_mean("lidr", iter(known)) == "did you mean 'lidar'?"
     assert did_you_mean("zzz", iter(known)) == "there are ping, dirrs, lidar"
+
+
+def test_a_file_that_may_not_become_so_large_is_said_before_it_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "run.rrd.part"
+    path.write_bytes(b"x" * 1000)
+    check_room(path, 100_000)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, before[1]))
+    try:
+        check_room(path, 49_000)
+        with pytest.raises(BadInput, match=r"run\.rrd: a file may not become that large"):
+            check_room(path, 49_001)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.stat().st_size == 1000
+
+
+def test_a_disk_without_room_is_said(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no space left on the disk of"):
+        check_room(tmp_path / "run.rrd", 2**62)

@@ -7,7 +7,6 @@ is never half a recording; what a killed process leaves beside it can still be r
 from __future__ import annotations
 
 import os
-import shutil
 import uuid
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,6 +32,7 @@ from mapping.artifacts import (
 )
 from mapping.beams import Beam
 from recorder.errors import BadInput
+from recorder.outputs import check_room
 from replay.rrd import columns, layout, readings, scene, stages, words
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.canvas import Canvas
@@ -151,6 +151,7 @@ class RrdWriter:
         recording.set_log_time_enabled(False)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
+            check_room(self.part, _DISK_MARGIN_BYTES)
             recording.save(self.part, default_blueprint=self._blueprint(started))
         except (OSError, RuntimeError) as error:
             raise BadInput(f"{self.path}: cannot be written: {error}") from None
@@ -296,10 +297,8 @@ class RrdWriter:
         if self._recording is None:
             return
         self._unflushed = 0
-        folder = self.part.parent
         waiting = sum(rows.bytes for rows in self._buffers())
-        if shutil.disk_usage(folder).free < waiting + _DISK_MARGIN_BYTES:
-            raise BadInput(f"{self.path}: no space left on the disk of {folder}")
+        check_room(self.part, waiting + _DISK_MARGIN_BYTES)
         for rows in self._buffers():
             rows.send()
         try:
