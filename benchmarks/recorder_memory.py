@@ -110,7 +110,7 @@ class Poses:
 
 
 class TimedSession:
-    """A session whose chunks are closed by the told clock; ``look`` is called now and then."""
+    """A session whose chunks are closed by the simulated clock; ``look`` is called now and then."""
 
     def __init__(self, writer: SessionWriter, look_each: int, look: Callable[[int], None]) -> None:
         self._writer, self._look_each, self._look = writer, look_each, look

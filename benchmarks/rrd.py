@@ -1,12 +1,13 @@
-"""Size and speed of recordings, as a table: ``python benchmarks/rrd.py [--viewer] [RUN...]``.
+"""Size and speed of recordings, as a table: ``python benchmarks/rrd.py [OPTIONS] [RUN...]``.
 
 A run is READINGS:COLSxROWS:MB, the last the budget; those of ``docs/recording-size.md``
 by default. Each is written by a process of its own: a robot circles in an empty rectangle, a wide
 sonar and a narrow infrared ranger read in turn, at 1 cm. ``written`` is the time spent in the
 writer alone, ``memory`` the most that the process took, ``grid`` how long the last whole grid takes
 to be read back. With ``--viewer`` also how long the viewer takes, without a window, to its first
-picture, and for a jump to a far step until nothing in its picture changes any more; it draws
-without what it still has to load, and the rest follows. ``picture`` is how long it takes just to
+picture, and for a jump to a far step until nothing in its picture changes any more: it draws first
+what it has loaded, and the rest follows. ``--small`` opens a window of 700 x 440 points instead of
+1600 x 1000. ``picture`` is how long it takes just to
 draw the same picture again, which a processor does slowly: it is part of each jump.
 """
 
@@ -32,6 +33,8 @@ from replay.rrd.writer import RrdWriter  # noqa: E402
 RUNS = ("1000:600x400:100", "10000:600x400:100", "10000:600x400:40", "2000:4000x4000:100")
 LONGEST_M = 3.0
 JUMPS = (0.9, 0.2, 0.6, 0.60001, 0.3, 0.75)  # parts of the recording, one after the other
+LARGE, SMALL = (1600, 1000), (700, 440)  # windows
+LONGEST_S = 60.0  # a jump, before it is given up
 NOTICES_S = 8.0  # until those that the viewer greets with are gone
 
 
@@ -55,7 +58,7 @@ def measure(run: str, viewer: bool) -> dict[str, str]:
         read_rrd(path).grid("ping")
         row["grid s"] = f"{time.perf_counter() - start:.2f}"
         if viewer:
-            row |= look(path)
+            row |= look(path, SMALL if "--small" in sys.argv else LARGE)
     row["left out"] = writer.left_out or "nothing"
     return row
 
@@ -75,10 +78,10 @@ def write(run: MadeRun, path: Path, budget_mb: float) -> tuple[float, float, Rrd
     return wall, processor + time.process_time() - start[1], writer
 
 
-def look(path: Path) -> dict[str, str]:
+def look(path: Path, size: tuple[int, int] = LARGE) -> dict[str, str]:
     """How long the real viewer takes, without a window."""
     start = time.perf_counter()
-    with HeadlessViewer(path) as viewer:
+    with HeadlessViewer(path, size=size) as viewer:
         viewer.screenshot()
         first = time.perf_counter() - start
         time.sleep(NOTICES_S)
@@ -99,23 +102,25 @@ def jump(viewer: HeadlessViewer, step: int) -> float:
     start = time.perf_counter()
     viewer.go_to(step, paint_s=0.0)
     newest = viewer.screenshot()
-    while True:
+    while time.perf_counter() - start < LONGEST_S:
         seconds = time.perf_counter() - start
         before, newest = newest, viewer.screenshot()
         if newest == before:
             return seconds
+    return float("inf")
 
 
 def main() -> None:
     """The table; or, as a process of its own, one row of it."""
     given = [argument for argument in sys.argv[1:] if not argument.startswith("--")]
     viewer = "--viewer" in sys.argv
+    options = [argument for argument in sys.argv[1:] if argument.startswith("--")]
     if "--row" in sys.argv:
         print(json.dumps(measure(given[0], viewer)))
         return
     headed = False
     for run in given or RUNS:
-        command = [sys.executable, __file__, run, "--row", *(["--viewer"] if viewer else [])]
+        command = [sys.executable, __file__, run, "--row", *options]
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
         row: dict[str, str] = json.loads(said.splitlines()[-1])
         if not headed:

@@ -15,6 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from mapping.artifacts import Artifact, MergedGrid, TempGrid
@@ -23,6 +24,7 @@ from mapping.config import load_config
 from mapping.pipeline import build_maps
 from recorder.errors import EchogridError
 from recorder.session import read_session
+from replay.rrd import layout
 from replay.rrd.blueprints import CHANGES, DISPLAYS
 from replay.rrd.headless import HeadlessViewer
 
@@ -81,6 +83,20 @@ def largest_change(artifacts: Artifacts) -> int:
     return max(range(len(artifacts) // 3, len(artifacts)), key=both_ways)
 
 
+def clearest_change(artifacts: Artifacts) -> int:
+    """The sonar reading that made most cells look clearly different, and some of them fuller."""
+
+    def seen(step: int) -> int:
+        merged = artifacts[step]
+        if not isinstance(merged, MergedGrid) or merged.layer != "ping":
+            return -1
+        difference = merged.probability - merged.previous
+        fuller = int((difference > 0.04).sum())
+        return int((np.abs(difference) > 0.12).sum()) if fuller > 100 else 0
+
+    return max(range(len(artifacts)), key=seen)
+
+
 def late_reading(artifacts: Artifacts) -> int:
     """A reading in the last quarter."""
     steps = [step for step, a in enumerate(artifacts) if isinstance(a, Beam)]
@@ -105,6 +121,9 @@ SHOTS = (
 
 def main() -> None:
     """The asked pictures, or all, into docs/images."""
+    unknown = set(sys.argv[1:]) - {STRIP, *(shot.name for shot in SHOTS)}
+    if unknown:
+        sys.exit(f"no such picture: {', '.join(sorted(unknown))}")
     strip = not sys.argv[1:] or STRIP in sys.argv[1:]
     asked = [shot for shot in SHOTS if shot.name in sys.argv[1:] or not sys.argv[1:]]
     IMAGES.mkdir(parents=True, exist_ok=True)
@@ -146,7 +165,7 @@ def _take(rrd: Path, shots: Sequence[Shot], artifacts: Artifacts) -> None:
 
 def _take_strip(rrd: Path, artifacts: Artifacts) -> None:
     """The three steps of one reading side by side: the map of its sensor in each."""
-    merged = largest_change(artifacts)
+    merged = clearest_change(artifacts)
     beam = artifacts[merged - 2]
     assert isinstance(beam, Beam), "a reading is a beam, what it says, and what it changed"
     captions = (
@@ -158,6 +177,8 @@ def _take_strip(rrd: Path, artifacts: Artifacts) -> None:
         time.sleep(GREETING_S)
         panels = []
         for step in (merged - 2, merged - 1, merged):
+            if step == merged:  # the beam would hide what it did
+                viewer.switch(beam.layer, layout.beam(beam.layer), on=False)
             viewer.go_to(step)
             time.sleep(GREETING_S / 4)  # the window is large, and loads while it draws
             panels.append(viewer.screenshot(beam.layer))

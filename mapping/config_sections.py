@@ -9,7 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-Finite = Annotated[float, Field(allow_inf_nan=False)]
+# No robot of ours is farther from its map's origin, in metres; nor has it turned so far.
+Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
 
 
 Display = Literal["grey", "reduced", "odds", "two-colours", "three-colours"]
@@ -34,7 +35,7 @@ class PoseSection(Section):
     max_gap_s: Positive = Field(
         0.5, description="readings in a longer gap between two poses are dropped"
     )
-    fixed: tuple[Finite, Finite, Finite] | None = Field(
+    fixed: tuple[Coordinate, Coordinate, Coordinate] | None = Field(
         None, description="x_m, y_m, heading_deg of a robot that stands still: no tracker needed"
     )
 
@@ -43,7 +44,7 @@ class GridSection(Section):
     """The cells of the map."""
 
     resolution_m: Positive = Field(0.01, description="side of a cell")
-    origin_m: tuple[Finite, Finite] | None = Field(
+    origin_m: tuple[Coordinate, Coordinate] | None = Field(
         None, description="outer corner of cell (0, 0); default: what the session needs"
     )
     size_m: tuple[Positive, Positive] | None = Field(
@@ -63,7 +64,7 @@ class SensorSection(Section):
     range_error: Annotated[float, Field(ge=0, lt=1)] | None = Field(
         None, description="relative error of a range, +-"
     )
-    mount: tuple[Finite, Finite, Finite] | None = Field(
+    mount: tuple[Coordinate, Coordinate, Coordinate] | None = Field(
         None, description="x_m, y_m, yaw_deg on the robot (or on the head)"
     )
     min_range_m: NonNegative | None = Field(None, description="readings below are dropped")

@@ -24,6 +24,43 @@ _SWITCH_S = 0.0005
 _log = logging.getLogger(__name__)
 
 
+class _Brisk:
+    """While anybody holds it, threads wait less for each other; then all is as it was before.
+
+    What was imported is not looked through again for garbage: all threads would stand still for
+    50 ms, and longer on a busy machine, and a fast line fills its buffer meanwhile.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._holders = 0
+        self._switch_s = 0.0
+        self._frozen = False
+
+    def acquire(self) -> None:
+        """One more holds it; to be released again."""
+        with self._lock:
+            self._holders += 1
+            if self._holders == 1:
+                self._switch_s = sys.getswitchinterval()
+                sys.setswitchinterval(min(self._switch_s, _SWITCH_S))
+                self._frozen = gc.get_freeze_count() == 0  # else somebody else did, and undoes it
+                if self._frozen:
+                    gc.freeze()
+
+    def release(self) -> None:
+        """One less holds it."""
+        with self._lock:
+            self._holders -= 1
+            if self._holders == 0:
+                sys.setswitchinterval(self._switch_s)
+                if self._frozen:
+                    gc.unfreeze()
+
+
+_BRISK = _Brisk()
+
+
 class Inbox(Generic[T]):
     """Reads its sources from ``__enter__`` to ``__exit__``; when the first one ends, all do."""
 
@@ -39,18 +76,13 @@ class Inbox(Generic[T]):
         ]
 
     def __enter__(self) -> Self:
-        self._switch_s = sys.getswitchinterval()
-        sys.setswitchinterval(min(self._switch_s, _SWITCH_S))
-        # What was imported is not looked through again for garbage: all threads would stand still
-        # for 50 ms, and longer on a busy machine, and a fast line fills its buffer meanwhile.
-        gc.freeze()
+        _BRISK.acquire()
         for thread in self._threads:
             thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        gc.unfreeze()
-        sys.setswitchinterval(self._switch_s)
+        _BRISK.release()
         self._halt.set()
         self._left.set()
 

@@ -21,6 +21,7 @@ from mcap.writer import CompressionType, Writer
 
 from recorder.errors import BadInput, OutputExists
 from recorder.messages import Message, topic_of
+from recorder.outputs import check_room
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode, type_name
 from recorder.session_format import LIBRARY, METADATA, checked_json
@@ -32,6 +33,7 @@ _FIRST_SYNC_S = (
     0.1  # the first ones follow sooner: a session that is killed at once holds something
 )
 _BYTES_AROUND_A_MESSAGE = 31
+_BEGIN_BYTES = 1000  # of a file before its first message, besides the metadata
 _BYTES_AROUND_A_DEFINITION = 128  # at most, names included
 
 
@@ -52,20 +54,22 @@ class SessionWriter:
         live: bool = False,
         compress: bool = True,
     ) -> None:
-        if path.exists() and not force:
-            raise OutputExists(path)
         if path.is_dir():
             raise BadInput(f"{path}: it is a folder")
+        if path.exists() and not force:
+            raise OutputExists(path)
         if not path.parent.is_dir():
             raise BadInput(f"{path}: there is no folder {path.parent}")
         self._path = path
         self._part = path if live else path.with_name(path.name + ".part")
+        described = checked_json(metadata or {})
+        check_room(self._part, _BEGIN_BYTES + sum(map(len, described.values())))
         try:
             self._file: BinaryIO = self._part.open("wb")
             self._indexes = ChunkIndexes(path.parent)
             self._writer = new_writer(self._file, self._indexes, compress=compress)
             self._writer.start(profile="ros2", library=LIBRARY)
-            self._writer.add_metadata(METADATA, checked_json(metadata or {}))
+            self._writer.add_metadata(METADATA, described)
             self._file.flush()  # killed from here on, it says what it is
             _sync_folder(path.parent)
         except OSError as error:
@@ -194,14 +198,17 @@ class SessionWriter:
     ) -> None:
         if self._part == self._path:
             self.close()
-        elif kind is not None:
-            self._discard()
-        else:
-            try:
+            return
+        try:
+            if kind is None:
                 self.close()
-            except OSError:
+            elif isinstance(error, OSError) and error is self._failure:
+                raise error
+            else:
                 self._discard()
-                raise
+        except OSError as failure:
+            self._discard()
+            raise BadInput(f"{self._path}: {failure.strerror or failure}") from None
 
     @contextlib.contextmanager
     def _noting_failure(self) -> typing.Iterator[None]:

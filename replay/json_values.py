@@ -22,7 +22,7 @@ def json_value(value: object) -> Json:
     match value:
         case Mapping():
             return {str(key): json_value(inner) for key, inner in value.items()}
-        case np.ndarray():
+        case np.ndarray() | np.generic():
             return json_value(value.tolist())
         case float():
             return value if math.isfinite(value) else str(value)

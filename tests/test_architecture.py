@@ -108,6 +108,18 @@ def test_every_file_that_the_page_names_is_there() -> None:
     assert [name for name in sorted(names) if not any(f.match(name) for f in files)] == []
 
 
+@pytest.mark.parametrize("folder", ["recorder", "mapping", "replay", "replay/rrd"])
+def test_the_page_names_every_file_of_a_room(folder: str) -> None:
+    patterns = set(re.findall(r"`([\w*]+\.py)`", PAGE))
+    (row,) = [line for line in PAGE.splitlines() if "`session_*.py`" in line]
+    patterns |= {f"session_{part}.py" for part in re.findall(r"`(\w+)`", row)}
+    files = [f for f in (ROOT / folder).glob("*.py") if f.name != "__init__.py"]
+    assert len(files) > 10
+    patterns.discard("session_*.py")
+    unnamed = [f.name for f in files if not any(f.match(each) for each in patterns)]
+    assert sorted(unnamed) == []
+
+
 @pytest.mark.parametrize("name", [*ROOMS, "echogrid"])
 def test_the_bare_names_are_ours(name: str) -> None:
     spec = importlib.util.find_spec(name)

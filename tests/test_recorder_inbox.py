@@ -100,3 +100,26 @@ def test_the_interpreter_is_left_as_it_was() -> None:
         assert len([1 for _, event in box.events(threading.Event()) if event is not None]) == 3
     assert sys.getswitchinterval() == before
     assert gc.get_freeze_count() == 0
+
+
+def test_two_at_once_leave_the_interpreter_as_it_was() -> None:
+    before = sys.getswitchinterval()
+    first, second = (Inbox({"a": lambda halt: iter([1])}) for _ in range(2))
+    first.__enter__()
+    second.__enter__()
+    first.__exit__()
+    assert sys.getswitchinterval() < before, "the second one is at work"
+    assert gc.get_freeze_count() > 0
+    second.__exit__()
+    assert sys.getswitchinterval() == before
+    assert gc.get_freeze_count() == 0
+
+
+def test_what_somebody_else_froze_stays_so() -> None:
+    gc.freeze()
+    try:
+        with Inbox({"a": lambda halt: iter([1])}):
+            pass
+        assert gc.get_freeze_count() > 0
+    finally:
+        gc.unfreeze()

@@ -18,6 +18,8 @@ from conftest import ROOT
 from benchmarks.recorder_kill import Outcome, kill_one, line, wait_until_recording
 from recorder.session import read_session
 
+# Python takes compiled modules that found no room for whole ones, ever after.
+NO_BYTECODE = {**os.environ, "PYTHONDONTWRITEBYTECODE": "1"}
 KILLS = 5
 # A second may be lost; more is granted here only for a machine that does ten things at once. The
 # command in benchmarks/ measures it.
@@ -68,7 +70,7 @@ def test_a_recorder_that_finds_no_room_stops_with_the_reason(tmp_path: Path) -> 
             sys.executable, "-m", "echogrid", "record", os.ttyname(host_fd), "-o", str(session),
             "--min-free-mb", "0", "--quiet",
         ],
-        cwd=ROOT, stderr=subprocess.PIPE, text=True,
+        cwd=ROOT, stderr=subprocess.PIPE, text=True, env=NO_BYTECODE,
     ) as recorder:  # fmt: skip
         resource.prlimit(recorder.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
         wait_until_recording(recorder, session)
@@ -91,9 +93,11 @@ def test_a_simulation_that_finds_no_room_says_so_in_one_line(tmp_path: Path) -> 
     session = tmp_path / "run.mcap"
     with subprocess.Popen(
         [sys.executable, "-m", "echogrid", "simulate", "room", "-o", str(session), "--quiet"],
-        cwd=ROOT, stderr=subprocess.PIPE, text=True,
+        cwd=ROOT, stderr=subprocess.PIPE, text=True, env=NO_BYTECODE,
     ) as simulation:  # fmt: skip
         resource.prlimit(simulation.pid, resource.RLIMIT_FSIZE, (5_000, 5_000))
         _, told = simulation.communicate(timeout=120)
-    assert (simulation.returncode, told) == (2, f"echogrid: {os.strerror(errno.EFBIG)}\n")
+    assert (simulation.returncode, told) == (
+        2, f"echogrid: {session}: {os.strerror(errno.EFBIG)}\n",
+    )  # fmt: skip
     assert list(tmp_path.iterdir()) == []

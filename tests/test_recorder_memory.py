@@ -50,7 +50,7 @@ def test_ten_hours_of_chunks_take_no_memory_and_are_all_in_the_index(tmp_path: P
 
 
 def test_a_recording_takes_no_more_memory_late_than_early(tmp_path: Path) -> None:
-    """All of the recorder by a told clock: a noisy line, unplugged, restarted, with a tracker."""
+    """The whole recorder by a simulated clock: noise, unplugged, restarted, with a tracker."""
     run = LongRun(seconds=600, rate=10, hour_s=120)
     traced: list[int] = []
     tracemalloc.start()

@@ -63,9 +63,17 @@ class Pair:
 def test_anything_can_be_said_in_json() -> None:
     value = Pair(
         {"a": (1, True, None), 2: Path("x") / "y"},
-        [np.array([[1.5, math.inf]]), math.nan, np.float64(-math.inf), Pair("text", 1j)],
+        [
+            np.array([[1.5, math.inf]]),
+            math.nan,
+            np.float64(-math.inf),
+            Pair("text", 1j),
+            np.int64(3),
+            np.bool_(True),
+            np.float32(0.5),
+        ],
     )
     assert json.loads(json.dumps(json_value(value), allow_nan=False)) == {
         "one": {"a": [1, True, None], "2": str(Path("x") / "y")},
-        "other": [[[1.5, "inf"]], "nan", "-inf", {"one": "text", "other": "1j"}],
+        "other": [[[1.5, "inf"]], "nan", "-inf", {"one": "text", "other": "1j"}, 3, True, 0.5],
     }

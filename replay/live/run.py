@@ -20,7 +20,7 @@ from recorder.translation import RecordingCounters
 from replay.live.feed import CAPACITY, LiveEnd, LiveFeed, Work
 from replay.live.show import show_live
 
-PATIENCE_S = 30.0  # for the last results, once the recording has ended
+PATIENCE_S = 60.0  # for the last results, once the recording has ended
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,7 @@ _WHERE_EXACT_IS_CHEAP = (
 )
 _DEAR = 0.4  # share of what is written
 _RESERVE = 0.05  # of the budget, for what cannot be foreseen
-_REMEMBERED = 0.6  # of what a reading cost at another stage, from the begin to the end
+_REMEMBERED = 0.6  # of what a reading cost at another stage, from the beginning to the end
 # Until this part of the session is done, or this part of the budget used, nothing is known yet.
 _EARLY, _LITTLE = 0.02, 0.1
 _PATIENCE = 0.6  # by how much the rest may seem too much at the very beginning; less and less later
@@ -110,7 +110,8 @@ class Thinning:
         before = self._stage
         if before == 0:
             self._choose_stages(exact_share)
-        cost = self._remember(grown / seen, done)
+        cost = grown / seen
+        self._remember(cost, done)
         owed_bytes += self._growth_of_owed(owed_bytes, done)
         room = max(self.budget_bytes * (1.0 - _RESERVE) - size_bytes - owed_bytes, 0.0)
         if done < _EARLY and size_bytes < _LITTLE * self.budget_bytes:
@@ -147,12 +148,11 @@ class Thinning:
             self._stages = stages
             self._costs.clear()
 
-    def _remember(self, cost: float, done: float) -> float:
-        """What a reading cost at each stage when it was tried; the longer ago, the less it says."""
+    def _remember(self, cost: float, done: float) -> None:
+        """Note what a reading costs at this stage; what others cost says less, the longer ago."""
         for stage in self._costs:
             self._costs[stage] *= _REMEMBERED ** (done - self._done_then)
         self._costs[self._stage] = cost
-        return cost
 
     def _later_stage(self, cost: float, most: float) -> int:
         """The first stage, after the one that costs so much now, that may cost ``most`` or less."""
