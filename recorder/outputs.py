@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import shutil
+import sys
 import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -18,6 +20,7 @@ _REASONS = {
     errno.EFBIG: "a file may not become that large (ulimit -f)",
 }
 NO_ROOM = tuple(_REASONS)
+_PROBE_BYTES = 4096
 
 
 def check_output(output: Path, inputs: Iterable[Path] = (), *, force: bool) -> None:
@@ -37,20 +40,39 @@ def check_output(output: Path, inputs: Iterable[Path] = (), *, force: bool) -> N
 def check_room(path: Path, more_bytes: int) -> None:
     """Raises BadInput where the file at ``path`` cannot grow by so much.
 
-    The disk may be full, or the user's share of it, or a file may not become so large. The last
-    two are found by taking the room and giving it back at once, on systems that can.
+    The disk may be full, or a file may not become so large, or the user's share of the disk is
+    used up already. A share that is nearly used up is not noticed. Where the system cannot tell,
+    there is room.
     """
+    lacking = _what_lacks(path, more_bytes)
+    if lacking is not None:
+        reason = _REASONS[lacking].format(folder=path.parent)
+        raise BadInput(f"{path.parent / path.name.removesuffix('.part')}: {reason}")
+
+
+def _what_lacks(path: Path, more_bytes: int) -> int | None:
+    """The error that writing so much would come to."""
+    size = path.stat().st_size if path.exists() else 0
     try:
         if shutil.disk_usage(path.parent).free < more_bytes:
-            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        if hasattr(os, "posix_fallocate"):
-            with tempfile.TemporaryFile(dir=path.parent) as probe:
-                size = path.stat().st_size if path.exists() else 0
-                os.posix_fallocate(probe.fileno(), size, more_bytes)
+            return errno.ENOSPC
+        if size + more_bytes > _largest_file():
+            return errno.EFBIG
+        with tempfile.TemporaryFile(dir=path.parent) as probe:
+            probe.write(bytes(_PROBE_BYTES))
     except OSError as error:
-        if error.errno in NO_ROOM:
-            reason = _REASONS[error.errno].format(folder=path.parent)
-            raise BadInput(f"{path.parent / path.name.removesuffix('.part')}: {reason}") from None
+        return error.errno if error.errno in NO_ROOM else None
+    return None
+
+
+def _largest_file() -> float:
+    """Bytes that a file of this process may have."""
+    if sys.platform == "win32":
+        return math.inf
+    import resource
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_FSIZE)
+    return math.inf if soft == resource.RLIM_INFINITY else soft
 
 
 @contextmanager
