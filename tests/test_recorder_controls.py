@@ -62,6 +62,15 @@ def test_no_keys_are_read_from_a_pipe() -> None:
     os.close(writing)
 
 
+@pytest.fixture
+def hanging_up() -> Iterator[None]:
+    """SIGHUP does something, even where the tests themselves run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
+@pytest.mark.usefixtures("hanging_up")
 def test_signals_set_the_flags_and_are_given_back() -> None:
     controls = Controls()
     before = [signal.getsignal(number) for number in (signal.SIGUSR1, signal.SIGTERM)]

@@ -293,7 +293,9 @@ def test_the_page_is_served_here_and_may_not_talk_elsewhere(path: Path) -> None:
 
 def test_ctrl_c_ends_all_servers(path: Path) -> None:
     program = (
-        "import sys; from replay.viewer import open_viewer; "
+        # A shell's background jobs, and what they start, hear no Ctrl-C unless they ask for it.
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from replay.viewer import open_viewer; "
         "open_viewer(sys.argv[1], web=True, browser=False,"
         " announce=lambda url: print(url, flush=True)); print('ended', flush=True)"
     )
