@@ -177,13 +177,7 @@ class _Placed:
 
 def _placed_cells(rows: Sequence[_Placed]) -> columns.Columns:
     """Cells with their places; row 0 lies at the lowest y."""
-    formats = [
-        rr.components.ImageFormat(
-            width=row.codes.shape[1], height=row.codes.shape[0], color_model="L",
-            channel_datatype="U8",
-        )
-        for row in rows
-    ]  # fmt: skip
+    formats = [columns.image_format(row.codes.shape) for row in rows]
     buffers = [row.codes.tobytes() for row in rows]
     return [
         *rr.SegmentationImage.columns(buffer=buffers, format=formats),
