@@ -22,7 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
+from mapping.config import Heard, MappingConfig, Sensor, resolve_sensor
 from mapping.display import grey
 from mapping.grid import GridGeometry, Layer
 from mapping.sensor_model import make_temp_grid
@@ -55,7 +55,7 @@ RED, BLUE = (200, 30, 30), (20, 80, 200)
 
 def ping() -> Sensor:
     """The built-in sonar as the program takes it when nobody says anything else."""
-    return settle_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+    return resolve_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 
 
 def reading(range_m: float, grid: GridGeometry = GRID) -> TempGrid:
@@ -166,7 +166,7 @@ def map_picture(layer: Layer, scale: int) -> Image.Image:
 def temp_picture(temp: TempGrid, scale: int) -> Image.Image:
     """Red where the reading speaks for an obstacle, blue against it, by strength."""
     pixels = np.full((*GRID.shape, 3), 255, np.uint8)
-    classes = strength_classes(temp.probability - 0.5, temp.band | temp.front)
+    classes = strength_classes(temp.probability - 0.5, temp.band | temp.free)
     for code, _, (r, g, b, a) in strength_names()[1:]:
         blended = [round(255 - (255 - c) * a / 255) for c in (r, g, b)]
         pixels[temp.window.slices][classes == code] = blended
@@ -269,7 +269,7 @@ def side_by_side() -> Image.Image:
     from replay.comparison import from_values
     from replay.comparison_run import compare_session
     from replay.rrd.headless import HeadlessViewer
-    from replay.rrd.rooted import read_maps
+    from replay.rrd.prefixed_stream import read_maps
 
     with tempfile.TemporaryDirectory() as folder:
         rrd = Path(folder, "rules.rrd")

@@ -66,12 +66,12 @@ def middle_sonar(artifacts: Artifacts) -> int:
 
 
 def a_beam(artifacts: Artifacts) -> int:
-    """The step before: the same reading's beam, and what the map foretells of it."""
+    """The step before: the same reading's beam, and what the map predicts of it."""
     return middle_sonar(artifacts) - 1
 
 
 def largest_change(artifacts: Artifacts) -> int:
-    """The reading that made most cells of a half-built map both clearly fuller and emptier."""
+    """The reading that made most cells of a half-built map clearly more occupied or more free."""
 
     def both_ways(step: int) -> int:
         merged = artifacts[step]
@@ -84,15 +84,15 @@ def largest_change(artifacts: Artifacts) -> int:
 
 
 def clearest_change(artifacts: Artifacts) -> int:
-    """The sonar reading that made most cells look clearly different, and some of them fuller."""
+    """The sonar reading that changed most cells clearly, and made some more occupied."""
 
     def seen(step: int) -> int:
         merged = artifacts[step]
         if not isinstance(merged, MergedGrid) or merged.layer != "ping":
             return -1
         difference = merged.probability - merged.previous
-        fuller = int((difference > 0.04).sum())
-        return int((np.abs(difference) > 0.12).sum()) if fuller > 100 else 0
+        occupied = int((difference > 0.04).sum())
+        return int((np.abs(difference) > 0.12).sum()) if occupied > 100 else 0
 
     return max(range(len(artifacts)), key=seen)
 

@@ -22,11 +22,11 @@ class TempGrid:
 
     All arrays cover ``window``. ``probability`` (float64) is that of being occupied given this
     reading: above 0.5 in the band, below in front of it, 0.5 where nothing is said. ``band`` are
-    the cells where the obstacle may be, ``front`` those that the beam passed through.
+    the cells where the obstacle may be, ``free`` those that the beam passed through.
 
-    ``passes`` is empty, but for a reading whose samples go straight into the map (``arcs`` without
-    a second grid): then its temp grids, merged one after the other, hold every sample once, and
-    the arrays here hold the last sample of each cell.
+    ``sub_grids`` is empty, but for a reading whose samples go straight into the map (``arcs``
+    without a second grid): then these, merged one after the other, hold every sample once, and the
+    arrays here hold the last sample of each cell.
     """
 
     beam: Beam
@@ -34,8 +34,13 @@ class TempGrid:
     window: Window
     probability: NDArray[np.float64]
     band: NDArray[np.bool_]
-    front: NDArray[np.bool_]
-    passes: tuple[TempGrid, ...] = ()
+    free: NDArray[np.bool_]
+    sub_grids: tuple[TempGrid, ...] = ()
+
+    @property
+    def front(self) -> NDArray[np.bool_]:
+        """``free`` by its former name, for plugins written before it changed."""
+        return self.free
 
 
 @dataclass(frozen=True, slots=True)

@@ -31,7 +31,7 @@ from recorder.names import nearest
 
 __all__ = [
     "BUILT_IN_SENSORS", "PRESETS", "BordersSection", "FusionSection", "Heard", "MappingConfig",
-    "SegmentsSection", "Sensor", "load_config", "settle_sensor",
+    "SegmentsSection", "Sensor", "load_config", "resolve_sensor",
 ]  # fmt: skip
 
 CHAPTER_PRESET: dict[str, Any] = {
@@ -108,7 +108,7 @@ KIND_OF_RADIATION = {
 }  # fmt: skip
 
 
-def settle_sensor(heard: Heard, config: MappingConfig, *, mounted: bool) -> Sensor:
+def resolve_sensor(heard: Heard, config: MappingConfig, *, mounted: bool) -> Sensor:
     """Everything about one sensor, each value from the first place that knows it.
 
     ``mounted`` tells that the session holds a transform for it; its mount then stays None.

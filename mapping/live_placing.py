@@ -14,7 +14,7 @@ from dataclasses import replace
 
 from mapping.beams import Beam
 from mapping.config import MappingConfig, Sensor
-from mapping.placing import Placed, place_reading, settle_sensors
+from mapping.placing import Placed, place_reading, resolve_sensors
 from mapping.poses import FrameTree, Track, is_sane
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
@@ -139,7 +139,7 @@ class LivePlacer:
         new = [r for r in self._waiting if r.sensor not in self.sensors]
         if not new:
             return
-        settled = settle_sensors(new, self._frames, self._config)
+        settled = resolve_sensors(new, self._frames, self._config)
         shared = {s.layer for s in self.sensors.values()}
         for name, sensor in settled.items():
             joins = sensor.layer == name and sensor.kind in shared

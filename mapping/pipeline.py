@@ -153,11 +153,14 @@ def raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
         points, t_ns = _points_of(beams)
         yield RawPoints(name, points, t_ns)
         if len(points) >= config.segments.min_points:
-            eyes = np.array([[b.world_from_sensor.x_m, b.world_from_sensor.y_m] for b in beams])
+            sensor_positions_m = np.array(
+                [[b.world_from_sensor.x_m, b.world_from_sensor.y_m] for b in beams]
+            )
             narrow = beams[0].beam_width_rad <= NARROW_RAD
             stages: list[Stage] = []
             lines = segments_of_ranger(
-                points, np.repeat(eyes, [len(beam.points_m) for beam in beams], axis=0),
+                points,
+                np.repeat(sensor_positions_m, [len(beam.points_m) for beam in beams], axis=0),
                 config.segments, layer=name, narrow=narrow, observe=stages.append,
             )  # fmt: skip
             yield from _stages_shown(stages, name, "raw", config)

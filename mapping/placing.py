@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
+from mapping.config import Heard, MappingConfig, Sensor, resolve_sensor
 from mapping.poses import FrameTree, Track, is_sane
 from recorder.errors import BadInput
 from recorder.geometry import SE2
@@ -51,7 +51,7 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     if not readings:
         raise BadInput(f"no range readings in the session (found: {_found(kept)})")
     track = _track(kept, config, dropped)
-    sensors = settle_sensors(readings, frames, config)
+    sensors = resolve_sensors(readings, frames, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
     clocks_back = 0
@@ -116,7 +116,7 @@ def laid_on(odometry: Track, tracker: Track) -> Track:
     raise BadInput("there is no time at which the tracker and dead reckoning both know the pose")
 
 
-def settle_sensors(
+def resolve_sensors(
     readings: Iterable[Range | Scan], frames: FrameTree, config: MappingConfig
 ) -> dict[str, Sensor]:
     """What is held of each sensor, by its name, from its first reading and the configuration.
@@ -127,7 +127,7 @@ def settle_sensors(
     for reading in readings:
         first.setdefault(reading.sensor, reading)
     settled = {
-        name: settle_sensor(_heard(reading), config, mounted=frames.parent_of(name) is not None)
+        name: resolve_sensor(_heard(reading), config, mounted=frames.parent_of(name) is not None)
         for name, reading in first.items()
     }
     of_kind = Counter(sensor.kind for sensor in settled.values())

@@ -47,7 +47,7 @@ class Touch:
 
     @property
     def effect(self) -> float:
-        """How much fuller (above 0) or emptier the reading made the cell, as a probability."""
+        """How much more occupied (above 0) or free the reading made the cell, as a probability."""
         return 0.0 if self.zone == BEHIND else self.after - self.before
 
 
@@ -128,13 +128,13 @@ class CellProbe:
     def _zone(self, beam: Beam, axis: int, angle: float, distance: float) -> str | None:
         """Where in the newest beam the cell lies; None where the reading did not reach it."""
         temp = self._temp
-        for part in () if temp is None else (temp, *temp.passes):
+        for part in () if temp is None else (temp, *temp.sub_grids):
             here = _inside(self.cell, part.window)
             if here is not None and part.band[here]:
                 return OBSTACLE
-        for part in () if temp is None else (temp, *temp.passes):
+        for part in () if temp is None else (temp, *temp.sub_grids):
             here = _inside(self.cell, part.window)
-            if here is not None and part.front[here]:
+            if here is not None and part.free[here]:
                 return EMPTY
         within = angle <= beam.beam_width_rad / 2.0 + _TOLERANCE_RAD
         behind = beam.ranges_m[axis] < distance <= beam.reach_m

@@ -138,11 +138,11 @@ def temp_grid(beam: Beam, geometry: GridGeometry) -> TempGrid:
     d = float(beam.ranges_m[0])
     inside = np.abs(alpha) <= beam.beam_width_rad / 2
     band = inside & (np.abs(rho - d) <= WALL_BAND * d)
-    front = inside & (rho < (1 - WALL_BAND) * d)
+    free = inside & (rho < (1 - WALL_BAND) * d)
     hit = 0.8 / (1 + (d / 0.75) ** 2)
     miss = 0.08 * (1 + 30 * np.exp(-((rho / 0.35) ** 2))) / (1 + (rho / 0.75) ** 2)
-    log_odds = np.where(band, hit, np.where(front, -miss, 0.0))
-    return TempGrid(beam, geometry, window, 1 / (1 + np.exp(-log_odds)), band, front)
+    log_odds = np.where(band, hit, np.where(free, -miss, 0.0))
+    return TempGrid(beam, geometry, window, 1 / (1 + np.exp(-log_odds)), band, free)
 
 
 def merged(belief: Belief, temp: TempGrid) -> MergedGrid:
@@ -151,7 +151,7 @@ def merged(belief: Belief, temp: TempGrid) -> MergedGrid:
     p = temp.probability
     previous = (1.0 / (1.0 + np.exp(-belief.log_odds[part]))).astype(np.float32)
     belief.log_odds[part] = np.clip(belief.log_odds[part] + np.log(p / (1 - p)), -13.8, 13.8)
-    belief.observed[part] |= temp.band | temp.front
+    belief.observed[part] |= temp.band | temp.free
     belief.points_m.append(temp.beam.points_m)
     belief.t_ns.append(temp.beam.t_ns)
     after = (1.0 / (1.0 + np.exp(-belief.log_odds[part]))).astype(np.float32)

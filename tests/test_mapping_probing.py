@@ -112,7 +112,7 @@ def test_a_zone_agrees_with_the_temp_grid_and_with_the_angle(
     inside = 0 <= row < temp.window.rows and 0 <= col < temp.window.cols
     zones = [touch.zone for touch in probe.touches]
     assert (zones == [OBSTACLE]) == (inside and bool(temp.band[row, col]))
-    assert (zones == [EMPTY]) == (inside and bool(temp.front[row, col]))
+    assert (zones == [EMPTY]) == (inside and bool(temp.free[row, col]))
     if zones == [BEHIND]:
         dx, dy = probe.centre_m[0] - 0.044, probe.centre_m[1]
         assert abs(math.atan2(dy, dx)) <= math.radians(19) + 1e-9

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, settle_sensor
+from mapping.config import Heard, MappingConfig, resolve_sensor
 from mapping.grid import GridGeometry, Window
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import (
@@ -27,7 +27,7 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 
-PING = settle_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+PING = resolve_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 ROW = GridGeometry((0.0, 0.0), 0.1, 1, 8)
 
 
@@ -275,7 +275,7 @@ def test_himm_touches_the_axis_only_and_excludes_the_hit():
     values = state.layer("sonar").values
     np.testing.assert_array_equal(np.argwhere(values > 0), [[5, 5]])
     assert values[5, 5] == 6
-    assert (temp.band | temp.front).sum() > 12
+    assert (temp.band | temp.free).sum() > 12
     assert state.layer("sonar").probability[5, 5] == pytest.approx(6 / 15)
 
 

@@ -34,8 +34,8 @@ from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode
 from recorder.session import SessionReader, SessionWriter, read_session
 from recorder.session_recover import recover
+from recorder.session_stats import Readings, Times
 from recorder.summary import summary_lines
-from recorder.survey import Readings, Times
 
 T_NS = 1_700_000_000_000_000_000
 STEP_NS = 50_000_000

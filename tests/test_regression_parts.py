@@ -224,12 +224,12 @@ def test_probes_and_predictions(name: str, settings: tuple[str, ...]) -> None:
             lambda at_m=at_m: [CellProbe(at_m)(each) for each in artifacts[:3]]
         )
     for threshold in (0.5, 0.55, 0.8):
-        predictor, foretold = RangePredictor(threshold), []
+        predictor, predicted = RangePredictor(threshold), []
         for artifact in artifacts:
             if isinstance(artifact, Beam):
-                foretold.append(predictor.ranges_m(artifact))
+                predicted.append(predictor.ranges_m(artifact))
             predictor(artifact)
-        found[f"foretold {threshold}"] = foretold
+        found[f"predicted {threshold}"] = predicted
     GOLDEN.check(f"probes in {name} {' '.join(settings)}", found)
 
 

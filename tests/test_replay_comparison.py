@@ -33,7 +33,7 @@ from replay.comparison_steps import Distances, Moment, in_step
 from replay.comparison_table import comparison_lines, footnotes, same_maps, table_of
 from replay.mapping_run import map_session
 from replay.rrd.comparison_words import Told, describe_moment
-from replay.rrd.rooted import read_maps
+from replay.rrd.prefixed_stream import read_maps
 
 FINITE = {"allow_nan": False, "allow_infinity": False}
 POSES = st.builds(

@@ -24,8 +24,8 @@ from replay.comparison import Variant, from_values
 from replay.comparison_run import compare_session
 from replay.comparison_steps import in_step
 from replay.rrd.comparison import ComparisonWriter
+from replay.rrd.prefixed_stream import read_maps
 from replay.rrd.reader import read_rrd
-from replay.rrd.rooted import read_maps
 
 
 @pytest.fixture(scope="module")

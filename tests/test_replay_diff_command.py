@@ -104,9 +104,9 @@ def test_the_picture_shows_where(maps: tuple[Path, Path], tmp_path: Path) -> Non
 def test_red_is_where_b_is_fuller() -> None:
     """The third panel alone has colour where cells differ, and the highest y is at the top."""
     grid = np.full((20, 20), 0.3, np.float32)
-    fuller = grid.copy()
-    fuller[16:, :4] = 0.9
-    image = np.asarray(draw(report(source(made_layer(grid)), source(made_layer(fuller)))), int)
+    occupied = grid.copy()
+    occupied[16:, :4] = 0.9
+    image = np.asarray(draw(report(source(made_layer(grid)), source(made_layer(occupied)))), int)
     panel = image[:, 2 * image.shape[1] // 3 :]
     red = (panel[..., 0] > 180) & (panel[..., 1] < 90) & (panel[..., 2] < 90)
     high = np.flatnonzero(red.sum(axis=1) > 40)

@@ -143,18 +143,18 @@ def test_recordings_part_at_a_step(tmp_path: Path) -> None:
         return path
 
     one, same = write(tmp_path / "a.rrd"), write(tmp_path / "b.rrd")
-    assert compare(one, same).step_parting is None
+    assert compare(one, same).step_divergence is None
     found = compare(one, write(tmp_path / "c.rrd", longest_m=0.4))
-    parting = found.step_parting
-    assert parting is not None
+    divergence = found.step_divergence
+    assert divergence is not None
     left, right = open_map(one).history, open_map(tmp_path / "c.rrd").history
     assert left is not None
     assert right is not None
-    a = {m.step: g for m, g in left.grids(parting.layer)}
-    b = {m.step: g for m, g in right.grids(parting.layer)}
+    a = {m.step: g for m, g in left.grids(divergence.layer)}
+    b = {m.step: g for m, g in right.grids(divergence.layer)}
     first = min(step for step in a if step in b and not np.array_equal(a[step], b[step]))
-    assert parting.a.step == parting.b.step == first
-    assert a[first][parting.row, parting.col] == parting.a_value != parting.b_value
+    assert divergence.a.step == divergence.b.step == first
+    assert a[first][divergence.row, divergence.col] == divergence.a_value != divergence.b_value
 
 
 def simulated(path: Path, room: str, seed: int, *more: str) -> Path:
@@ -220,19 +220,19 @@ def with_one_range_changed(path: Path, number: int, by_m: float) -> Path:
 
 def test_the_first_reading_after_which_sessions_part(tmp_path: Path) -> None:
     same = with_one_range_changed(tmp_path / "same.mcap", -1, 0.0)
-    assert compare(SESSION, same, CONFIG).parting is None
+    assert compare(SESSION, same, CONFIG).divergence is None
     number = next(n for n in itertools.count(100) if _is_ping(n))
     other = with_one_range_changed(tmp_path / "other.mcap", number, 0.2)
     found = compare(SESSION, other, CONFIG)
     assert found.differs
-    parting = found.parting
-    assert parting is not None
-    assert parting.a is not None
-    assert parting.b is not None
-    assert (parting.layer, parting.a.sensor, parting.b.sensor) == ("ping", "ping", "ping")
-    assert parting.b.range_m == pytest.approx((parting.a.range_m or 0.0) + 0.2, abs=1e-5)
-    assert parting.a.t_ns == parting.b.t_ns == _readings()[number].t_ns
-    assert parting.a.range_m == pytest.approx(_readings()[number].range_m)
+    divergence = found.divergence
+    assert divergence is not None
+    assert divergence.a is not None
+    assert divergence.b is not None
+    assert (divergence.layer, divergence.a.sensor, divergence.b.sensor) == ("ping", "ping", "ping")
+    assert divergence.b.range_m == pytest.approx((divergence.a.range_m or 0.0) + 0.2, abs=1e-5)
+    assert divergence.a.t_ns == divergence.b.t_ns == _readings()[number].t_ns
+    assert divergence.a.range_m == pytest.approx(_readings()[number].range_m)
 
 
 def _readings() -> list[Any]:
@@ -252,10 +252,10 @@ def test_sessions_of_different_length_part_where_one_ends(tmp_path: Path) -> Non
     with SessionWriter(half) as writer:
         for record in records[: len(records) // 2]:
             writer.write(record.message, log_ns=record.log_ns)
-    parting = compare(SESSION, half, CONFIG).parting
-    assert parting is not None
-    assert parting.b is None
-    assert parting.a is not None
+    divergence = compare(SESSION, half, CONFIG).divergence
+    assert divergence is not None
+    assert divergence.b is None
+    assert divergence.a is not None
 
 
 def test_real_halves_are_one_room(shared_data: Path, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Watched cells in words, in the recording and on the command line; foretold ranges beside them."""
+"""Watched cells in words, in the recording and on the command line; predicted ranges too."""
 
 from __future__ import annotations
 
@@ -183,10 +183,10 @@ def test_foretold_ranges_are_those_of_the_map_before_the_reading(
     for step, artifact in enumerate(artifacts):
         predictor(artifact)
         if isinstance(artifact, Beam):
-            (foretold,) = predictor.ranges_m(artifact)
-            expected.setdefault(artifact.sensor, []).append((step, foretold))
-            said = f"**{foretold:.3f} m**" if np.isfinite(foretold) else "**nothing**"
-            assert f"would have foretold {said}" in str(told[step])
+            (predicted,) = predictor.ranges_m(artifact)
+            expected.setdefault(artifact.sensor, []).append((step, predicted))
+            said = f"**{predicted:.3f} m**" if np.isfinite(predicted) else "**nothing**"
+            assert f"would have predicted {said}" in str(told[step])
     for sensor, values in expected.items():
         exact = rows(run[1], layout.predicted_range(sensor), "numbers")
         assert exact == values
@@ -200,15 +200,15 @@ def test_foretold_ranges_are_those_of_the_map_before_the_reading(
 
 
 def test_a_map_that_knows_its_room_foretells_what_is_measured(artifacts: list[Artifact]) -> None:
-    """Of the infrared, whose beams are narrow: in the later half most ranges are as foretold."""
+    """Of the infrared, whose beams are narrow: in the later half most ranges are as predicted."""
     predictor = RangePredictor(0.55)
     gaps = []
     for artifact in artifacts:
         predictor(artifact)
         if isinstance(artifact, Beam) and artifact.sensor == "dirrs":
-            (foretold,) = predictor.ranges_m(artifact)
-            if np.isfinite(foretold) and artifact.saw_something[0]:
-                gaps.append(abs(foretold - artifact.ranges_m[0]) / artifact.ranges_m[0])
+            (predicted,) = predictor.ranges_m(artifact)
+            if np.isfinite(predicted) and artifact.saw_something[0]:
+                gaps.append(abs(predicted - artifact.ranges_m[0]) / artifact.ranges_m[0])
     assert len(gaps) > 50
     assert np.median(gaps[len(gaps) // 2 :]) < 0.1
 

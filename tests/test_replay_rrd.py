@@ -235,7 +235,7 @@ def test_only_every_third_reading_is_shown_but_all_count(
 
 
 def hard_to_foretell(run: MadeRun) -> list[Artifact]:
-    """The same run with a rule that nothing can foretell: values of random bits."""
+    """The same run with a rule that nothing can predict: values of random bits."""
     random = np.random.default_rng(7)
     artifacts: list[Artifact] = []
     for artifact in run.artifacts():

@@ -15,10 +15,10 @@ from mapping.artifacts import MergedGrid, TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import UPDATE_RULES
 from mapping.update_rules.state import start
-from replay.rrd.distance_table import fit_table, look_up
 from replay.rrd.history import HistoryError, HistoryReader
 from replay.rrd.history_track import Track
 from replay.rrd.history_writer import HistoryWriter
+from replay.rrd.radial_profile import fit_table, look_up
 from replay.rrd.tiles import start_value
 
 GRID = GridGeometry((-0.3, -0.2), 0.02, 110, 140)
@@ -76,15 +76,15 @@ def test_every_rules_values_come_back_bit_for_bit(rule: str) -> None:
 def test_what_readings_say_by_distance_alone_takes_next_to_nothing(width_deg: float) -> None:
     """A tenth, once the table is there, of what the plain differences take."""
     grid = GridGeometry((-0.3, -0.2), 0.01, 280, 360)
-    foretold: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5)
+    predicted: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5)
     plain: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5)
-    sizes = {"foretold": 0, "plain": 0}
+    sizes = {"predicted": 0, "plain": 0}
     for number, (temp, merged) in enumerate(readings("bayes", 48, width_deg, grid)):
-        records = foretold.add(merged.window, merged.values, temp, number)
-        sizes["foretold"] += sum(len(record) for ticket, record in records if ticket >= 24)
+        records = predicted.add(merged.window, merged.values, temp, number)
+        sizes["predicted"] += sum(len(record) for ticket, record in records if ticket >= 24)
         ((_, record),) = plain.add(merged.window, merged.values, None, number)
         sizes["plain"] += len(record) * (number >= 24)
-    assert 0 < 10 * sizes["foretold"] < sizes["plain"]
+    assert 0 < 10 * sizes["predicted"] < sizes["plain"]
 
 
 def test_a_lost_or_spoiled_record_is_noticed() -> None:
@@ -166,7 +166,7 @@ def test_any_bits_in_any_windows_with_or_without_temp_grids(
 def test_a_reading_that_lacks_its_front_or_band() -> None:
     temp, merged = next(readings("bayes", 1))
     nothing = np.zeros_like(temp.band)
-    for changed in ({"band": nothing}, {"front": nothing}, {"band": nothing, "front": nothing}):
+    for changed in ({"band": nothing}, {"free": nothing}, {"band": nothing, "free": nothing}):
         writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5)
         part = dataclasses.replace(temp, **changed)
         records = writer.add(merged.window, merged.values, part, 0) + writer.drain()

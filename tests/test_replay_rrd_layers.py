@@ -18,7 +18,7 @@ from PIL import Image
 from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.batches import quiet_reader
-from replay.rrd.display_layers import DisplayCompanion
+from replay.rrd.display_layers import DisplayOverlay
 from replay.rrd.pictures import strength_classes, strength_names, strength_png
 from replay.rrd.tiles import LayerTiles
 from replay.rrd.trail import BASE, Trail
@@ -32,8 +32,8 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str, 
     """All chunks of a recording with several tiles a layer, as entity and columns."""
     path = tmp_path_factory.mktemp("layers") / "made.rrd"
     run = MadeRun(GridGeometry((-31.7, 42.3), 0.02, 170, 290), readings=40)
-    display = DisplayCompanion(("grey", "two-colours"), levels=4, budget_mb=100.0)
-    with RrdWriter(path, config_text="", name="made", companions=[display]) as writer:
+    display = DisplayOverlay(("grey", "two-colours"), levels=4, budget_mb=100.0)
+    with RrdWriter(path, config_text="", name="made", overlays=[display]) as writer:
         for artifact in run.artifacts():
             writer(artifact)
     found = []

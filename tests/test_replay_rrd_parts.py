@@ -142,8 +142,8 @@ def test_strength_names_tell_the_range_that_a_difference_lies_in(p: float) -> No
     number = int(strength_classes(np.array([p]), np.array([True]))[0])
     names = {each: name for each, name, _ in strength_names()}
     assert 1 <= number <= 2 * len(STRENGTHS)
-    word, _, low, _, high, _ = names[number].split()
-    assert word == ("fuller" if p > 0 else "emptier")
+    *word, _, low, _, high, _ = names[number].split()
+    assert " ".join(word) == ("more occupied" if p > 0 else "more free")
     assert float(low) - 1e-9 <= 100 * abs(p) <= float(high) + 1e-9
     assert strength_classes(np.array([p]), np.array([False]))[0] == 0
 
@@ -243,7 +243,7 @@ def test_a_picture_of_shares_is_right_at_every_step(rule: str) -> None:
     elsewhere = 0
     for number in range(run.readings):
         temp = temp_grid(run.beam(number), run.geometry)
-        state.see(temp.window, temp.band | temp.front)
+        state.see(temp.window, temp.band | temp.free)
         merged = merging.merge(temp)
         state.update(merged.window, merged.values, merged.probability)
         before = drawn.copy()

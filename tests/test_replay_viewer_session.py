@@ -257,7 +257,7 @@ def test_other_ways_to_draw_are_hidden_until_they_are_switched_on(
 
 
 def _both_ways(artifact: Artifact) -> int:
-    """How many cells a reading made clearly fuller and emptier, whichever are fewer."""
+    """How many cells a reading made clearly more occupied and more free, whichever are fewer."""
     assert isinstance(artifact, MergedGrid)
     difference = artifact.probability - artifact.previous
     return min(int((difference > 0.05).sum()), int((difference < -0.05).sum()))

@@ -82,8 +82,8 @@ def test_a_scan_tells_its_nearest() -> None:
 
 def test_a_temp_grid_counts_its_cells() -> None:
     probability = np.array([[0.5, 0.42, 0.31], [0.5, 0.6, 0.558243]])
-    band, front = probability > 0.5, probability < 0.5
-    text = describe(TempGrid(BEAM, GRID, Window(0, 0, 2, 3), probability, band, front))
+    band, free = probability > 0.5, probability < 0.5
+    text = describe(TempGrid(BEAM, GRID, Window(0, 0, 2, 3), probability, band, free))
     assert "**Red, 2 cells**" in text
     assert "up to 60.0 %" in text
     assert "**Blue, 2 cells**" in text
@@ -101,7 +101,7 @@ def test_a_merge_tells_what_changed_most_and_where() -> None:
         BEAM, "ping", "bayes", "probability", GRID, Window(4, 10, 1, 3), after, after, before
     )
     text = describe(merged)
-    assert "Rule: **bayes**. **2 cells changed**: 1 fuller, 1 emptier" in text
+    assert "Rule: **bayes**. **2 cells changed**: 1 more occupied, 1 more free" in text
     assert "cell at (1.250, 0.450) m (row 4, column 12) went from 50.0 % to **20.0 %**" in text
     same = dataclasses.replace(merged, previous=after)
     assert "No cell changed" in describe(same)

@@ -8,7 +8,7 @@ import numpy as np
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
+from mapping.config import Heard, MappingConfig, Sensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.sensor_model import SENSOR_MODELS
 from mapping.sensor_model.cells import rasterise_cells
@@ -26,7 +26,7 @@ def random_sensor(draw: Draw, model: str = "peak") -> Sensor:
     """A sensor with a random beam, error and shape of its model."""
     heard = Heard("made", Radiation.ULTRASOUND)
     return replace(
-        settle_sensor(heard, MappingConfig(), mounted=False),
+        resolve_sensor(heard, MappingConfig(), mounted=False),
         layer="made",
         model=model,
         beam_width_rad=float(draw.uniform(0.02, 2.0)),
@@ -84,6 +84,6 @@ def one_spot_readings() -> tuple[TempGrid, TempGrid]:
     width = hit.window.cols
     through = replace(
         through, window=hit.window, probability=through.probability[:, :width],
-        band=through.band[:, :width], front=through.front[:, :width],
+        band=through.band[:, :width], free=through.free[:, :width],
     )  # fmt: skip
     return hit, through

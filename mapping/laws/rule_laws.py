@@ -72,7 +72,7 @@ def changes_only_what_was_covered(rule: UpdateRule, draw: Draw) -> str | None:
         temp = random_reading(draw)
         passed, hit = axis_cells(temp)
         covered = np.zeros(GRID.shape, np.bool_)
-        covered[temp.window.slices] = temp.band | temp.front | passed | hit
+        covered[temp.window.slices] = temp.band | temp.free | passed | hit
         state.merge(temp)
         outside = (state.layer("made").values != before) & ~covered
         if outside.any():
@@ -96,8 +96,8 @@ def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
         if rule.kind == "certainty":  # goes by the axis alone, which runs into the band a little
             sunk &= ~passed
         # The centre of the obstacle's own cell may lie in front of the band: that says nothing.
-        front = temp.front & ~hit
-        risen = front & (temp.probability < 0.5) & (rise > ROUNDING)
+        free = temp.free & ~hit
+        risen = free & (temp.probability < 0.5) & (rise > ROUNDING)
         for wrong, words in ((sunk, "occupied: the probability sank"), (risen, "empty: it rose")):
             if wrong.any():
                 row, col = np.argwhere(wrong)[0]

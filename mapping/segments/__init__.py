@@ -7,16 +7,16 @@ and :mod:`.least_squares` says how sure each is. What happens on the way is told
 
 from __future__ import annotations
 
+from mapping.segments.free_space import reachable_cells
 from mapping.segments.grid_lines import segments_from_borders
 from mapping.segments.methods import LINE_METHODS, LineMethod
-from mapping.segments.passes import segments_of_ranger
+from mapping.segments.ranger_lines import segments_of_ranger
 from mapping.segments.raw import (
     segments_from_points,
     segments_from_scan,
     stages_of_points,
 )
 from mapping.segments.ridge import segments_from_grid, segments_from_ridge
-from mapping.segments.seen import reachable_cells
 from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage
 from mapping.segments.telling import line_stages
 

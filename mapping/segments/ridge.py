@@ -15,6 +15,7 @@ from mapping.borders import trace_borders
 from mapping.config import SegmentsSection
 from mapping.grid import GridGeometry
 from mapping.segments.chains import joined
+from mapping.segments.free_space import cut_where_free
 from mapping.segments.grid_lines import (
     as_segments,
     for_pieces,
@@ -25,7 +26,6 @@ from mapping.segments.joining import merge_collinear
 from mapping.segments.least_squares import FittedLine, FloatArray
 from mapping.segments.methods import line_method
 from mapping.segments.runs import meet_at_corners
-from mapping.segments.seen import cut_where_free
 from mapping.segments.stages import Observer
 
 Cells = NDArray[np.bool_]
@@ -47,7 +47,7 @@ def segments_from_ridge(
     """Lines along the centre lines of a layer's occupied bands, in the map frame.
 
     ``observed`` (rows, cols): only what is occupied inside of it counts. ``reachable`` (rows,
-    cols), of :func:`mapping.segments.seen.reachable_cells`: only bands beside such free cells.
+    cols), of :func:`mapping.segments.free_space.reachable_cells`: only bands beside those.
     """
     geometry = thresholded.geometry
     occupied = thresholded.occupied.copy()

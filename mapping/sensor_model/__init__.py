@@ -17,8 +17,8 @@ from mapping.sensor_model.arcs import rasterise_arcs
 from mapping.sensor_model.cells import rasterise_cells
 from mapping.sensor_model.models import (
     SENSOR_MODELS,
+    CellsInBeam,
     SensorModel,
-    Sight,
     emptiness,
     region_of,
     regions_table,
@@ -30,8 +30,8 @@ RASTERISERS: dict[str, Rasteriser] = {"cells": rasterise_cells, "arcs": rasteris
 __all__ = [
     "RASTERISERS",
     "SENSOR_MODELS",
+    "CellsInBeam",
     "SensorModel",
-    "Sight",
     "emptiness",
     "make_temp_grid",
     "region_of",

@@ -53,7 +53,7 @@ def region_of(fraction: Floats, regions: int) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class CellsInBeam:
     """The cells (or samples) that one reading covers, as seen from its sensor; all arrays (N,).
 
     ``rho_m`` is the distance from the sensor; ``along_m`` and ``across_m`` the same in the
@@ -72,9 +72,9 @@ class Sight:
     in_band: Flags
     half_width_rad: float
 
-    def of(self, some: NDArray[np.int64]) -> Sight:
+    def of(self, some: NDArray[np.int64]) -> CellsInBeam:
         """The same for some of the cells."""
-        return Sight(
+        return CellsInBeam(
             self.rho_m[some],
             self.along_m[some],
             self.across_m[some],
@@ -120,8 +120,8 @@ class SensorModel:
         """How far the band reaches before and behind a range, relative to the range."""
         return sensor.range_error, sensor.range_error
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        """Probability, given this reading alone, that each cell of ``sight`` is occupied, (N,)."""
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        """Probability, given this reading alone, that each of ``beam_cells`` is occupied, (N,)."""
         raise NotImplementedError
 
 
@@ -136,22 +136,22 @@ def emptiness(kind: str, t: Floats) -> Floats:
     return np.zeros_like(t)
 
 
-def _angle_factor(sensor: Sensor, sight: Sight) -> tuple[Floats, float]:
+def _angle_factor(sensor: Sensor, beam_cells: CellsInBeam) -> tuple[Floats, float]:
     """Factor a of each cell, and the largest that there is."""
     if sensor.gaussian not in ("both", "angle"):
-        return np.ones_like(sight.rho_m), 1.0
+        return np.ones_like(beam_cells.rho_m), 1.0
     table = regions_table(sensor.regions)
-    return table[region_of(sight.across_fraction, sensor.regions)], float(table.max())
+    return table[region_of(beam_cells.across_fraction, sensor.regions)], float(table.max())
 
 
-def _distance_factor(sensor: Sensor, sight: Sight) -> tuple[Floats, float]:
+def _distance_factor(sensor: Sensor, beam_cells: CellsInBeam) -> tuple[Floats, float]:
     """Factor q of each cell (negative in front of the band), and the largest that there is."""
-    empty = emptiness(sensor.emptiness, sight.way_to_band)
+    empty = emptiness(sensor.emptiness, beam_cells.way_to_band)
     if sensor.gaussian not in ("both", "distance"):
-        return np.where(sight.in_band, 1.0, empty), 1.0
+        return np.where(beam_cells.in_band, 1.0, empty), 1.0
     table = regions_table(sensor.regions)
-    likely = table[region_of(sight.band_fraction, sensor.regions)]
-    return np.where(sight.in_band, likely, empty), float(table.max())
+    likely = table[region_of(beam_cells.band_fraction, sensor.regions)]
+    return np.where(beam_cells.in_band, likely, empty), float(table.max())
 
 
 class Regions(SensorModel):
@@ -159,9 +159,9 @@ class Regions(SensorModel):
 
     name = "regions"
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        a, _ = _angle_factor(sensor, sight)
-        q, _ = _distance_factor(sensor, sight)
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        a, _ = _angle_factor(sensor, beam_cells)
+        q, _ = _distance_factor(sensor, beam_cells)
         return 0.5 + a * q / 2.0
 
 
@@ -170,13 +170,13 @@ class Peak(SensorModel):
 
     name = "peak"
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        a, a_max = _angle_factor(sensor, sight)
-        q, q_max = _distance_factor(sensor, sight)
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        a, a_max = _angle_factor(sensor, beam_cells)
+        q, q_max = _distance_factor(sensor, beam_cells)
         a = a / a_max
         hit = 0.5 + (sensor.p_hit - 0.5) * a * q / q_max
         miss = 0.5 + (0.5 - sensor.p_miss) * a * q
-        return np.where(sight.in_band, hit, miss)
+        return np.where(beam_cells.in_band, hit, miss)
 
 
 class Fading(SensorModel):
@@ -187,11 +187,11 @@ class Fading(SensorModel):
     def band(self, sensor: Sensor) -> tuple[float, float]:
         return sensor.before, sensor.behind
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        hit = sensor.hit / (1.0 + np.square(sight.range_m / sensor.fade_m))
-        closeness = 1.0 + sensor.near * np.exp(-np.square(sight.rho_m / NEAR_M))
-        miss = sensor.miss * closeness / (1.0 + np.square(sight.rho_m / sensor.fade_m))
-        probability: Floats = expit(np.where(sight.in_band, hit, -miss))
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        hit = sensor.hit / (1.0 + np.square(beam_cells.range_m / sensor.fade_m))
+        closeness = 1.0 + sensor.near * np.exp(-np.square(beam_cells.rho_m / NEAR_M))
+        miss = sensor.miss * closeness / (1.0 + np.square(beam_cells.rho_m / sensor.fade_m))
+        probability: Floats = expit(np.where(beam_cells.in_band, hit, -miss))
         return probability
 
 

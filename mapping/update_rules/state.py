@@ -36,7 +36,7 @@ class MapState:
         """
         here = temp.window.slices
         previous = self._probability[here].copy()
-        parts = temp.passes if self.rule.per_sample and temp.passes else (temp,)
+        parts = temp.sub_grids if self.rule.per_sample and temp.sub_grids else (temp,)
         before = self._largest_in(temp.window)
         for part in parts:
             self.rule.merge(self._cut(part.window), part)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from recorder.cli.progress import progress_bar
-from replay.cli.telling import tell_damage, tell_files
+from replay.cli.map_report import tell_damage, tell_files
 
 if TYPE_CHECKING:
     from replay.comparison import Variant
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _WIDEST = 160  # columns of text; a file or a pipe gets 80
 
 
-def compare_and_tell(
+def compare_and_report(
     session: Path, variants: Sequence[Variant], rrd: Path | None, export: Path | None, *,
     more: Sequence[Path] = (), force: bool, quiet: bool,
 ) -> int:  # fmt: skip

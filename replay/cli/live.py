@@ -14,7 +14,7 @@ import click
 from mapping.cli import config_options
 from recorder.cli import options
 from recorder.cli.recording import line_options, prepared, tell_counters
-from replay.cli.telling import map_and_tell
+from replay.cli.map_report import map_and_report
 
 
 @click.command(epilog="Example:  echogrid live sim:room --web")
@@ -72,7 +72,7 @@ def live(
                 f"{result.end.not_followed} messages are in the session, not in the live map"
             )
         if not no_map:
-            status |= map_and_tell(
+            status |= map_and_report(
                 session, config, folder / "live.rrd", None, force=True, quiet=quiet
             )
         elif result.end.told and not quiet:

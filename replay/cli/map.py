@@ -10,9 +10,9 @@ import click
 from mapping.cli import plugin_option, preset_option, setting_option
 from recorder.cli import options
 from recorder.errors import BadInput
-from replay.cli.comparing import compare_and_tell
+from replay.cli.comparing import compare_and_report
+from replay.cli.map_report import map_and_report
 from replay.cli.probe_option import Point, probe_option
-from replay.cli.telling import map_and_tell
 
 if TYPE_CHECKING:
     from replay.comparison import Variant
@@ -95,8 +95,10 @@ def map_(
         variants = _variants(configs, compare, extra, preset)
         if probes:
             raise BadInput("--probe follows a cell of one map, not of several side by side")
-        return compare_and_tell(session, variants, rrd, export, more=more, force=force, quiet=quiet)
-    return map_and_tell(
+        return compare_and_report(
+            session, variants, rrd, export, more=more, force=force, quiet=quiet
+        )
+    return map_and_report(
         session, load_config(configs, extra, preset), rrd, export, probes=probes, more=more,
         force=force, quiet=quiet,
     )  # fmt: skip

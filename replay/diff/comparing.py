@@ -10,9 +10,9 @@ from mapping.config import MappingConfig
 from recorder.errors import BadInput
 from replay.diff.alignment import Aligned, align
 from replay.diff.cells import CellFigures, ExtraFigures, cell_figures, extra_figures
+from replay.diff.divergence import Divergence, StepDivergence, part_at_step
 from replay.diff.layers import MapLayer, Moment, Source
 from replay.diff.lines import BorderFigures, LineFigures, border_figures, line_figures
-from replay.diff.parting import Parting, StepParting, part_at_step
 from replay.diff.sources.opening import is_session, open_map
 from replay.diff.verdict import LayerVerdict, Verdict, layer_verdict, overall
 
@@ -59,8 +59,8 @@ class Report:
     layers: tuple[LayerReport, ...]
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
-    parting: Parting | None
-    step_parting: StepParting | None
+    divergence: Divergence | None
+    step_divergence: StepDivergence | None
     verdict: Verdict
     notes: tuple[str, ...]
 
@@ -88,16 +88,16 @@ def compare(
     """
     if tolerance < 0.0 or line_tolerance_m < 0.0:
         raise BadInput("a tolerance is not negative")
-    left, right, parting = _opened(a, b, config, tolerance, progress)
+    left, right, divergence = _opened(a, b, config, tolerance, progress)
     return report(
-        left, right, parting, tolerance=tolerance, line_tolerance_m=line_tolerance_m, only=only
+        left, right, divergence, tolerance=tolerance, line_tolerance_m=line_tolerance_m, only=only
     )
 
 
 def report(
     a: Source,
     b: Source,
-    parting: Parting | None = None,
+    divergence: Divergence | None = None,
     *,
     tolerance: float = 0.0,
     line_tolerance_m: float = LINE_TOLERANCE_M,
@@ -109,9 +109,9 @@ def report(
         _layer_report(name, a, b, *pair, tolerance, line_tolerance_m)
         for name, pair in pairs.items()
     )
-    step_parting = None
+    step_divergence = None
     if a.history is not None and b.history is not None and any(x.cells.differ for x in layers):
-        step_parting = part_at_step(a.history, b.history, pairs, tolerance)
+        step_divergence = part_at_step(a.history, b.history, pairs, tolerance)
     any_differs = bool(only_a or only_b) or any(layer.differs for layer in layers)
     verdict = overall(
         {layer.name: layer.verdict for layer in layers},
@@ -119,12 +119,12 @@ def report(
         pairs={layer.name: layer.pair for layer in layers},
     )
     notes = (*a.notes, *b.notes, *notes, *_class_notes(pairs))
-    return Report(a, b, layers, only_a, only_b, parting, step_parting, verdict, notes)
+    return Report(a, b, layers, only_a, only_b, divergence, step_divergence, verdict, notes)
 
 
 def _opened(
     a: Path, b: Path, config: MappingConfig | None, tolerance: float, progress: Progress | None
-) -> tuple[Source, Source, Parting | None]:
+) -> tuple[Source, Source, Divergence | None]:
     if is_session(a) and is_session(b):
         from replay.diff.sources.sessions import map_two
 

@@ -1,7 +1,8 @@
 """One picture of a comparison: for each layer A, B and their difference side by side.
 
 Greys are probabilities as everywhere (white free, black occupied); what was never seen is
-blue-grey. In the difference, red cells are fuller in B and blue ones emptier, over the walls that
+blue-grey. In the difference, red cells are more occupied in B and blue ones more free,
+over the walls that
 both share in grey. Walls that changed are outlined, and so is the cell that differs most.
 """
 
@@ -25,7 +26,7 @@ from replay.diff.patches import Ends
 Pixels = NDArray[np.uint8]
 
 _UNSEEN, _PAPER, _INK = (150, 158, 178), (255, 255, 255), (20, 20, 20)
-_FULLER, _EMPTIER, _BOTH = (214, 39, 40), (31, 100, 210), (190, 190, 190)
+_MORE_OCCUPIED, _MORE_FREE, _BOTH = (214, 39, 40), (31, 100, 210), (190, 190, 190)
 _GONE, _COME, _WORST = (255, 127, 14), (44, 140, 44), (160, 32, 200)
 _PANEL_PX, _HIGHEST_PX, _LARGEST_CELL_PX = 400, 400, 24.0
 _GAP_PX, _TEXT_PX = 16, 17
@@ -33,8 +34,9 @@ _AIR_CELLS = 3  # around what was seen
 _MOST_LAYERS = 4
 _CLASS_SHADE = {FREE: 0.0, OCCUPIED: 1.0}
 _LEGEND = (
-    (_PAPER, "free"), ((0, 0, 0), "occupied"), (_UNSEEN, "never seen"), (_FULLER, "fuller in B"),
-    (_EMPTIER, "emptier in B"), (_BOTH, "occupied in both"), (_GONE, "wall only in A"),
+    (_PAPER, "free"), ((0, 0, 0), "occupied"), (_UNSEEN, "never seen"),
+    (_MORE_OCCUPIED, "more occupied in B"),
+    (_MORE_FREE, "more free in B"), (_BOTH, "occupied in both"), (_GONE, "wall only in A"),
     (_COME, "wall only in B"), (_WORST, "the cell that differs most"),
 )  # fmt: skip
 
@@ -122,11 +124,11 @@ def map_pixels(values: Values, classes: Codes, layer: LayerReport) -> Pixels:
 
 
 def difference_pixels(pair: Aligned) -> Pixels:
-    """Red and blue by how much fuller or emptier a cell is in B, (rows, cols, 3)."""
+    """Red and blue by how much more occupied or more free a cell is in B, (rows, cols, 3)."""
     away = distances(pair.a_values, pair.b_values)
     sign = np.sign(np.nan_to_num(np.asarray(pair.b_values, np.float64) - pair.a_values))
     if pair.by_class:
-        # From unknown to free is emptier; the codes alone would say fuller.
+        # From unknown to free is more free; the codes alone would say more occupied.
         order = np.array([0.5, 0.0, 1.0])
         sign = np.sign(order[pair.b_classes] - order[pair.a_classes])
     largest = float(np.max(away, initial=0.0, where=np.isfinite(away)))
@@ -135,7 +137,7 @@ def difference_pixels(pair: Aligned) -> Pixels:
     strength = np.where(away > 0.0, 0.12 + 0.88 * np.sqrt(strength), 0.0)[..., None]
     paper = np.full((*away.shape, 3), 255.0)
     paper[(pair.a_classes == OCCUPIED) & (pair.b_classes == OCCUPIED)] = _BOTH
-    ink = np.where((sign >= 0)[..., None], np.array(_FULLER), np.array(_EMPTIER))
+    ink = np.where((sign >= 0)[..., None], np.array(_MORE_OCCUPIED), np.array(_MORE_FREE))
     mixed: Pixels = np.round(paper * (1.0 - strength) + ink * strength).astype(np.uint8)
     return mixed
 

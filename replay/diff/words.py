@@ -8,9 +8,9 @@ from typing import Any
 from mapping.artifacts import MergedGrid, Snapshot
 from replay.diff.cells import Cell
 from replay.diff.comparing import LayerReport, Report
+from replay.diff.divergence import Divergence, Heard, StepDivergence
 from replay.diff.layers import Line, Moment
 from replay.diff.lines import BorderFigures, LineFigures
-from replay.diff.parting import Heard, Parting, StepParting
 from replay.json_values import json_object, json_value
 
 # What a step of a recording was, for people.
@@ -33,10 +33,10 @@ def summary(report: Report) -> list[str]:
         lines += [f"layer {each}: only in {side}" for each in name]
     for layer in report.layers:
         lines += _layer_lines(layer)
-    if report.parting is not None:
-        lines += _parting_lines(report.parting)
-    if report.step_parting is not None:
-        lines.append(_step_line(report.step_parting))
+    if report.divergence is not None:
+        lines += _divergence_lines(report.divergence)
+    if report.step_divergence is not None:
+        lines.append(_step_line(report.step_divergence))
     return lines
 
 
@@ -136,11 +136,13 @@ def _border_words(borders: BorderFigures) -> str:
     return words + f", {len(borders.appeared_m)} only in B, {len(borders.vanished_m)} only in A"
 
 
-def _parting_lines(parting: Parting) -> list[str]:
-    when = f"after reading {parting.reading}" if parting.reading else "at the very first reading"
+def _divergence_lines(divergence: Divergence) -> list[str]:
+    when = (
+        f"after reading {divergence.reading}" if divergence.reading else "at the very first reading"
+    )
     return [
-        f"the maps part {when}, in layer {parting.layer}",
-        *(f"  {s}: {_heard(h)}" for s, h in (("A", parting.a), ("B", parting.b))),
+        f"the maps part {when}, in layer {divergence.layer}",
+        *(f"  {s}: {_heard(h)}" for s, h in (("A", divergence.a), ("B", divergence.b))),
     ]
 
 
@@ -155,11 +157,12 @@ def _heard(heard: Heard | None) -> str:
     )
 
 
-def _step_line(parting: StepParting) -> str:
+def _step_line(divergence: StepDivergence) -> str:
     return (
-        f"the recordings part at {_moment(parting.a)}: layer {parting.layer}, x {parting.x_m:.3f} "
-        f"m, y {parting.y_m:.3f} m (row {parting.row}, col {parting.col} of A): "
-        + _both(parting.a_value, parting.b_value)
+        f"the recordings part at {_moment(divergence.a)}: layer {divergence.layer}, "
+        f"x {divergence.x_m:.3f} m, y {divergence.y_m:.3f} m "
+        f"(row {divergence.row}, col {divergence.col} of A): "
+        + _both(divergence.a_value, divergence.b_value)
     )
 
 
@@ -176,8 +179,8 @@ def as_json(report: Report) -> dict[str, Any]:
         "only_in_a": list(report.only_a),
         "only_in_b": list(report.only_b),
         "layers": {layer.name: _layer_json(layer) for layer in report.layers},
-        "first_reading": json_value(report.parting),
-        "first_step": json_value(report.step_parting),
+        "first_reading": json_value(report.divergence),
+        "first_step": json_value(report.step_divergence),
     }
 
 

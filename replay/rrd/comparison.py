@@ -23,7 +23,7 @@ from replay.rrd.canvas import Canvas
 from replay.rrd.columns import ColumnBuffer, Stamp
 from replay.rrd.comparison_blueprint import comparison_blueprint
 from replay.rrd.comparison_words import Told, describe_moment
-from replay.rrd.rooted import RootedStream, root_of
+from replay.rrd.prefixed_stream import PrefixedStream, root_of
 from replay.rrd.thinning import Thinning
 from replay.rrd.words import LEGEND
 from replay.rrd.writer import RrdWriter
@@ -88,7 +88,7 @@ class ComparisonWriter(RrdWriter):
         )  # fmt: skip
         for name, one in started.items():
             without = _SAID_ONCE if not self._runs else (*_SAID_ONCE, layout.RANGES)
-            stream = RootedStream(recording, root_of(name), without=without)
+            stream = PrefixedStream(recording, root_of(name), without=without)
             self._runs[name] = _Run(self, name, stream, self.thinning)
             self._runs[name](one)
         names = rr.AnyValues(names=list(self._variants))
@@ -137,15 +137,15 @@ class ComparisonWriter(RrdWriter):
     def _buffers(self) -> Sequence[ColumnBuffer]:
         return (*(rows for run in self._runs.values() for rows in run.buffers), self._canvas.rows)
 
-    def _owed_bytes(self) -> int:
-        return sum(run.owed_bytes for run in self._runs.values())
+    def _reserved_bytes(self) -> int:
+        return sum(run.reserved_bytes for run in self._runs.values())
 
 
 class _Run(RrdWriter):
     """One of the runs, drawn as it would be alone; its file and its budget are the comparison's."""
 
     def __init__(
-        self, whole: ComparisonWriter, name: str, stream: RootedStream, thinning: Thinning
+        self, whole: ComparisonWriter, name: str, stream: PrefixedStream, thinning: Thinning
     ) -> None:
         super().__init__(whole.path, config_text="", name=name)
         self.thinning = thinning
@@ -167,9 +167,9 @@ class _Run(RrdWriter):
         return self._buffers()
 
     @property
-    def owed_bytes(self) -> int:
+    def reserved_bytes(self) -> int:
         """What the end of this run will take in the file."""
-        return self._owed_bytes()
+        return self._reserved_bytes()
 
     def _open(self, started: Started) -> rr.RecordingStream:
         return self._stream

@@ -15,7 +15,7 @@ from mapping.artifacts import Started
 from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.blueprints import beside, layer_view
-from replay.rrd.rooted import root_of
+from replay.rrd.prefixed_stream import root_of
 
 
 def comparison_blueprint(started: Mapping[str, Started]) -> rrb.Blueprint:

@@ -109,10 +109,10 @@ def _temps(temps: Mapping[str, TempGrid]) -> str:
         return next(iter(said.values())) + alike
     rows = []
     for name, temp in temps.items():
-        band, front = temp.probability[temp.band], temp.probability[temp.front]
+        band, free = temp.probability[temp.band], temp.probability[temp.free]
         rows.append((
             name, f"{band.size:,}", words.percent(band.max()) if band.size else "",
-            f"{front.size:,}", words.percent(front.min()) if front.size else "",
+            f"{free.size:,}", words.percent(free.min()) if free.size else "",
         ))  # fmt: skip
     number = next(iter(temps.values())).beam.number
     head = ("map", "red cells", "up to", "blue cells", "down to")
@@ -123,18 +123,18 @@ def _merged(merged: Mapping[str, MergedGrid]) -> str:
     rows: list[Row] = []
     for name, one in merged.items():
         difference = one.probability.astype(np.float64) - one.previous
-        fuller, emptier = int((difference > 0).sum()), int((difference < 0).sum())
-        rows.append((name, f"{fuller:,}", f"{emptier:,}", *_two_cells(one)))
+        occupied, free = int((difference > 0).sum()), int((difference < 0).sum())
+        rows.append((name, f"{occupied:,}", f"{free:,}", *_two_cells(one)))
     first = next(iter(merged.values()))
-    head: Row = ("map", "fuller", "emptier", "straight ahead", "halfway")
+    head: Row = ("map", "more occupied", "more free", "straight ahead", "halfway")
     explained = (
-        "*Fuller*, *emptier*: how many cells changed that way. *Straight ahead*, *halfway*: the "
-        "probability before and after, where the obstacle stands if it is straight ahead, and "
-        "halfway to there."
+        "*More occupied*, *more free*: how many cells changed that way. *Straight ahead*, "
+        "*halfway*: the probability before and after, where the obstacle stands if it is straight "
+        "ahead, and halfway to there."
     )
     if not any(row[3] or row[4] for row in rows):
         rows, head = [row[:3] for row in rows], head[:3]
-        explained = "*Fuller*, *emptier*: how many cells changed that way. Nothing was seen."
+        explained = "*More occupied*, *more free*: how many cells changed so. Nothing was seen."
     title = f"## Reading {first.beam.number} goes into the maps of {first.layer}"
     return f"{title}\n\n{_table(head, rows)}\n\n{explained}"
 

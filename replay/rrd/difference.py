@@ -127,7 +127,7 @@ def _tab(layer: LayerReport, report: Report) -> rrb.Container:
     titles = (
         f"A: {report.a.path.name}",
         f"B: {report.b.path.name}",
-        "difference: red is fuller in B, blue emptier",
+        "difference: red is more occupied in B, blue more free",
     )
     over = ([f"{root}/lines_a"], [f"{root}/lines_b"], [f"{root}/walls"])
     views = [

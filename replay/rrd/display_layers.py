@@ -61,7 +61,7 @@ class Picture:
     codes: Codes
 
 
-class DisplayCompanion:
+class DisplayOverlay:
     """Draws the layers named by ``names`` (:data:`OF_ONE`, :data:`OF_SEVERAL`)."""
 
     def __init__(self, names: Sequence[str], *, levels: int, budget_mb: float) -> None:

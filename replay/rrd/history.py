@@ -1,9 +1,9 @@
 """All values that a layer ever held, reading by reading, in as few bytes as they truly need.
 
 A reading multiplies the odds of each cell that it covers by a factor: one for each distance in
-front of its band (see :mod:`replay.rrd.distance_table`), a few in the band itself. From these the
-new values are foretold, and a record holds only where they came out differently. What cannot be
-foretold is written as plain differences to the values before. Either way the values come back bit
+front of its band (see :mod:`replay.rrd.radial_profile`), a few in the band itself. From these the
+new values are predicted, and a record holds only where they came out differently. What cannot be
+predicted is written as plain differences to the values before. Either way the values come back bit
 for bit: each record carries a checksum of what it must come to.
 """
 
@@ -19,10 +19,10 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
-from replay.rrd.distance_table import DistanceTable
 from replay.rrd.history_track import Cells, Covered, Floats, Singles, Track
+from replay.rrd.radial_profile import RadialProfile
 
-_PLAIN, _FORETOLD, _TABLE = 0, 1, 2
+_PLAIN, _PREDICTED, _TABLE = 0, 1, 2
 _NO_TABLE = 255
 _MOST_FACTORS = 4096  # in one band
 _HEAD = struct.Struct("<BBIIIIIIII")
@@ -55,7 +55,7 @@ class Head:
         )
 
 
-def table_record(track: Track, number: int, table: DistanceTable) -> bytes:
+def table_record(track: Track, number: int, table: RadialProfile) -> bytes:
     """The record of one more table that readings may name."""
     track.add_table(table)
     body = struct.pack("<d", table.spacing_m) + table.knots.tobytes()
@@ -76,48 +76,48 @@ class Masks:
     """Which cells of a window a reading covers, (rows, cols) each; see :class:`Covered`."""
 
     window: Window
-    front: NDArray[np.bool_]
+    free: NDArray[np.bool_]
     band: NDArray[np.bool_]
     others: NDArray[np.bool_]
 
     def covered(self, geometry: GridGeometry) -> tuple[Cells, Cells, int, int]:
         """The same as cells of the grid and of the window; how many in front and in the band."""
-        from mapping.kernels.foretelling import covered_cells
+        from mapping.kernels.predicting import covered_cells
 
         w = self.window
         cells, inner, in_front, in_band = covered_cells(
-            self.front, self.band, self.others, w.row0, w.col0, geometry.cols
+            self.free, self.band, self.others, w.row0, w.col0, geometry.cols
         )
         return cells, inner, in_front, in_band
 
 
-def foretold_record(
+def predicted_record(
     track: Track, number: int, masks: Masks, covered: Covered, table: int | None,
     true: Singles, most_missed: float,
 ) -> bytes | None:  # fmt: skip
     """The record of a reading whose covered cells now hold ``true``; the track takes them over.
 
-    None, with the track as it was, when more than the share ``most_missed`` is not as foretold.
+    None, with the track as it was, when more than the share ``most_missed`` is not as predicted.
     """
     factors, which = _distinct(covered.factors)
     if len(factors) > _MOST_FACTORS:
         return None
     table = _NO_TABLE if table is None else table
-    odds, foretold = track.foretell(covered, table)
-    off = true.view(np.int32) - foretold.view(np.int32)
+    odds, predicted = track.predict(covered, table)
+    off = true.view(np.int32) - predicted.view(np.int32)
     missed = np.flatnonzero(off)
     if len(missed) > most_missed * len(true):
         return None
     others = len(covered.cells) > covered.in_front + covered.in_band
     counts = (*covered.sensor_m, track.largest_odds, len(missed), len(factors), others)
     body = b"".join([
-        _COUNTS.pack(*counts), factors.tobytes(), _packed(masks.front), _packed(masks.band),
+        _COUNTS.pack(*counts), factors.tobytes(), _packed(masks.free), _packed(masks.band),
         _packed(masks.others) if others else b"", which.tobytes(),
         _shuffled(np.diff(missed, prepend=0)), _shuffled(off[missed]),
     ])  # fmt: skip
-    values = track.settle(covered, odds, foretold, missed, true[missed])
+    values = track.settle(covered, odds, predicted, missed, true[missed])
     checksum = zlib.crc32(values.tobytes())
-    return Head(_FORETOLD, table, number, masks.window, checksum).packed(body)
+    return Head(_PREDICTED, table, number, masks.window, checksum).packed(body)
 
 
 def _distinct(factors: Floats) -> tuple[Floats, NDArray[np.uint16]]:
@@ -169,10 +169,10 @@ class HistoryReader:
         """Follow one record; what its checksum is of."""
         if head.form == _PLAIN:
             return self._take_plain(head.window, body).tobytes()
-        if head.form == _FORETOLD:
-            return self._take_foretold(head, body).tobytes()
+        if head.form == _PREDICTED:
+            return self._take_predicted(head, body).tobytes()
         (spacing_m,) = struct.unpack_from("<d", body)
-        self._track.add_table(DistanceTable(spacing_m, np.frombuffer(body, np.float64, offset=8)))
+        self._track.add_table(RadialProfile(spacing_m, np.frombuffer(body, np.float64, offset=8)))
         return body
 
     def _take_plain(self, window: Window, body: bytes) -> Singles:
@@ -182,15 +182,15 @@ class HistoryReader:
         self._track.replace(window, new)
         return new
 
-    def _take_foretold(self, head: Head, body: bytes) -> Singles:
+    def _take_predicted(self, head: Head, body: bytes) -> Singles:
         parts = _Parts(body, head.window)
         x, y, self._track.largest_odds, misses, kinds, others = _COUNTS.unpack(
             parts.bytes(_COUNTS.size)
         )
         factors = np.frombuffer(parts.bytes(8 * kinds), np.float64)
-        front, band = parts.mask(), parts.mask()
+        free, band = parts.mask(), parts.mask()
         left = parts.mask() if others else np.zeros_like(band)
-        masks = Masks(head.window, front, band, left)
+        masks = Masks(head.window, free, band, left)
         cells, inner, in_front, count = masks.covered(self._track.geometry)
         if kinds > 1:
             factors = factors[np.frombuffer(parts.bytes(2 * count), np.uint16)]
@@ -199,9 +199,9 @@ class HistoryReader:
         covered = Covered((x, y), cells, inner, in_front, count, factors)
         missed = np.cumsum(_unshuffled(parts.bytes(4 * misses)).astype(np.int64))
         off = _unshuffled(parts.bytes(4 * misses))
-        odds, foretold = self._track.foretell(covered, head.table)
-        true = (foretold[missed].view(np.int32) + off).view(np.float32)
-        return self._track.settle(covered, odds, foretold, missed, true)
+        odds, predicted = self._track.predict(covered, head.table)
+        true = (predicted[missed].view(np.int32) + off).view(np.float32)
+        return self._track.settle(covered, odds, predicted, missed, true)
 
 
 class _Parts:

@@ -1,7 +1,7 @@
 """What the writer and the reader of a layer's history both know, and how a reading moves it.
 
 Both keep the values and the odds of every cell. A reading multiplies the odds of the cells that it
-covers; what comes of it is foretold from there. Only sums, products and roots are used, which give
+covers; what comes of it is predicted from there. Only sums, products and roots are used, which give
 the same bits on every machine.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
-from replay.rrd.distance_table import DistanceTable
+from replay.rrd.radial_profile import RadialProfile
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -56,7 +56,7 @@ class Track:
         """Forget all odds; they begin again from the values."""
         self._odds: Floats = np.zeros(self.values.size)  # 0: not known but from the value
 
-    def add_table(self, table: DistanceTable) -> None:
+    def add_table(self, table: RadialProfile) -> None:
         """One more table that readings may name."""
         self.tables.append((table.spacing_m, table.cubics()))
 
@@ -70,44 +70,44 @@ class Track:
 
     def distances_m(self, sensor_m: tuple[float, float], cells: Cells) -> Floats:
         """From a sensor to the centres of cells, which are in ascending order."""
-        from mapping.kernels.foretelling import distances_m
+        from mapping.kernels.predicting import distances_m
 
         geometry = self.geometry
         x, y = (start - at for start, at in zip(geometry.origin_m, sensor_m, strict=True))
         distances: Floats = distances_m(cells, geometry.cols, geometry.resolution_m, x, y)
         return distances
 
-    def foretell(self, covered: Covered, table: int) -> tuple[Floats, Singles]:
+    def predict(self, covered: Covered, table: int) -> tuple[Floats, Singles]:
         """Odds and values that the covered cells should have after a reading."""
-        from mapping.kernels.foretelling import foretell, front_factors
+        from mapping.kernels.predicting import front_factors, predict
 
-        front = np.ones(covered.in_front)
+        free = np.ones(covered.in_front)
         if table < len(self.tables):
             spacing_m, cubics = self.tables[table]
             distances = self.distances_m(covered.sensor_m, covered.cells[: covered.in_front])
-            front = front_factors(cubics, spacing_m, distances)
-        odds, values = foretell(
-            covered.cells, front, covered.factors, self._odds, self.values.ravel(),
+            free = front_factors(cubics, spacing_m, distances)
+        odds, values = predict(
+            covered.cells, free, covered.factors, self._odds, self.values.ravel(),
             self.kind == "odds", self.largest_odds,
         )  # fmt: skip
         return odds, values
 
     def settle(
-        self, covered: Covered, odds: Floats, foretold: Singles, missed: Cells, true: Singles
+        self, covered: Covered, odds: Floats, predicted: Singles, missed: Cells, true: Singles
     ) -> Singles:
-        """Take over what was foretold, but for the ``missed`` cells, which hold ``true``.
+        """Take over what was predicted, but for the ``missed`` cells, which hold ``true``.
 
         A value that was missed by one bit had odds at the border between the two, nearly. Returns
-        the values of all covered cells; ``odds`` and ``foretold`` are written over.
+        the values of all covered cells; ``odds`` and ``predicted`` are written over.
         """
-        from mapping.kernels.foretelling import settle
+        from mapping.kernels.predicting import settle
 
-        off = np.abs(foretold[missed].view(np.int32).astype(np.int64) - true.view(np.int32))
+        off = np.abs(predicted[missed].view(np.int32).astype(np.int64) - true.view(np.int32))
         settle(
-            covered.cells, odds, foretold, missed, true, off, self._odds, self.values.ravel(),
+            covered.cells, odds, predicted, missed, true, off, self._odds, self.values.ravel(),
             self.kind == "odds",
         )  # fmt: skip
-        return foretold
+        return predicted
 
 
 def largest_odds(clamp: float) -> float:

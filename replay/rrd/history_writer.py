@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from mapping.artifacts import TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import CLAMP
-from replay.rrd.distance_table import DistanceTable, fit_table
-from replay.rrd.history import Masks, foretold_record, plain_record, table_record
+from replay.rrd.history import Masks, plain_record, predicted_record, table_record
 from replay.rrd.history_track import Covered, Floats, Singles, Track, largest_odds
+from replay.rrd.radial_profile import RadialProfile, fit_table
 
 T = TypeVar("T")
 
-_FORETOLD_KINDS = ("probability", "odds")
+_PREDICTED_KINDS = ("probability", "odds")
 _MOST_MISSED = 0.4  # of the covered cells; above it plain differences are smaller
 _GATHERED = 16  # readings, before a table is made of them
 _MOST_WAITING = 64  # readings, of all sensors
@@ -61,14 +61,14 @@ class HistoryWriter(Generic[T]):
         self._sensors: dict[str, _Sensor] = {}
         self._lacking: set[str] = set()  # sensors that wait for a table
         self._waiting: list[_Waiting[T]] = []
-        self._unsaid: list[DistanceTable] = []
+        self._unsaid: list[RadialProfile] = []
 
     def add(
         self, window: Window, values: Singles, temp: TempGrid | None, ticket: T
     ) -> list[tuple[T, bytes]]:
         """One more reading; the records that are ready now, oldest first."""
         table = None
-        if temp is not None and self._may_foretell(window, temp):
+        if temp is not None and self._may_predict(window, temp):
             table = self._look_at(temp)
         else:
             temp = None
@@ -94,13 +94,13 @@ class HistoryWriter(Generic[T]):
         """Begin anew after a whole map, so that a reader need not know what was before it."""
         self._track.restart()
 
-    def _may_foretell(self, window: Window, temp: TempGrid) -> bool:
+    def _may_predict(self, window: Window, temp: TempGrid) -> bool:
         return (
-            self._track.kind in _FORETOLD_KINDS
+            self._track.kind in _PREDICTED_KINDS
             and temp.window == window
-            and not temp.passes
+            and not temp.sub_grids
             and not window.empty
-            and not (temp.front & temp.band).any()
+            and not (temp.free & temp.band).any()
         )
 
     def _look_at(self, temp: TempGrid) -> int | None:
@@ -120,14 +120,14 @@ class HistoryWriter(Generic[T]):
 
     def _samples(self, temp: TempGrid, most: int) -> tuple[Floats, Floats]:
         """Distances and factors of about ``most`` cells in front of a reading; 0: of all."""
-        from mapping.kernels.foretelling import some_of
+        from mapping.kernels.predicting import some_of
 
-        front = some_of(temp.front, most)
-        row, col = np.divmod(front, temp.window.cols)
+        free = some_of(temp.free, most)
+        row, col = np.divmod(free, temp.window.cols)
         cells = (row + temp.window.row0) * temp.geometry.cols + col + temp.window.col0
         return (
             self._track.distances_m(_sensor_m(temp), cells),
-            self._factors(temp.probability.ravel()[front]),
+            self._factors(temp.probability.ravel()[free]),
         )
 
     def _factors(self, probability: Floats) -> Floats:
@@ -141,7 +141,7 @@ class HistoryWriter(Generic[T]):
         distances, factors = self._samples(temp, _TRIED)
         if not len(factors):
             return None, 1.0
-        from mapping.kernels.foretelling import share_fitting
+        from mapping.kernels.predicting import share_fitting
 
         best: tuple[int | None, float] = (None, 0.0)
         for number in reversed(range(len(self._track.tables))):
@@ -172,24 +172,26 @@ class HistoryWriter(Generic[T]):
             said += table_record(self._track, self._number, table)
             self._number += 1
         self._unsaid.clear()
-        record = self._foretold(reading) if reading.temp is not None else None
+        record = self._predicted(reading) if reading.temp is not None else None
         if record is None:
             record = self._plain(reading)
         self._number += bool(record)
         return said + record
 
-    def _foretold(self, reading: _Waiting[T]) -> bytes | None:
+    def _predicted(self, reading: _Waiting[T]) -> bytes | None:
         temp, values = reading.temp, np.ascontiguousarray(reading.values, np.float32)
         assert temp is not None
-        front, band = temp.front, temp.band
-        others = self._changed(reading.window, values) & ~(front | band)
-        masks = Masks(reading.window, front, band, others)
+        free, band = temp.free, temp.band
+        others = self._changed(reading.window, values) & ~(free | band)
+        masks = Masks(reading.window, free, band, others)
         cells, inner, in_front, in_band = masks.covered(self._track.geometry)
         said = temp.probability.ravel()[inner[in_front : in_front + in_band]]
         covered = Covered(_sensor_m(temp), cells, inner, in_front, in_band, self._factors(said))
         true = values.ravel()[inner]
         table = self._best_table(temp)[0] if reading.table is None else reading.table
-        return foretold_record(self._track, self._number, masks, covered, table, true, _MOST_MISSED)
+        return predicted_record(
+            self._track, self._number, masks, covered, table, true, _MOST_MISSED
+        )
 
     def _plain(self, reading: _Waiting[T]) -> bytes:
         """Of the smallest rectangle that holds what changed; nothing where nothing did."""

@@ -54,8 +54,8 @@ TILE_SHRINKAGE = 3e-5
 Colour = tuple[int, int, int, int]
 
 NEVER_SEEN: Colour = (150, 158, 178, 255)
-FULLER: Colour = (214, 39, 40, 255)
-EMPTIER: Colour = (31, 100, 210, 255)
+MORE_OCCUPIED: Colour = (214, 39, 40, 255)
+MORE_FREE: Colour = (31, 100, 210, 255)
 WALL: Colour = (46, 160, 67, 200)
 BORDER: Colour = (255, 150, 30, 255)
 SEGMENT: Colour = (230, 0, 160, 255)
@@ -227,8 +227,8 @@ def sensor_range(sensor: str) -> str:
 
 
 def predicted_range(sensor: str) -> str:
-    """The plot of what the map so far foretells for one sensor."""
-    return f"{RANGES}/{part(sensor)}/foretold"
+    """The plot of what the map so far predicts for one sensor."""
+    return f"{RANGES}/{part(sensor)}/predicted"
 
 
 def display(layer: str, name: str) -> str:

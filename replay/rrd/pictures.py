@@ -49,9 +49,9 @@ def percent_names() -> list[Named]:
 def strength_classes(
     difference: NDArray[np.floating], said: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
-    """How far a probability lies above (fuller) or below (emptier) another, in levels.
+    """How far a probability lies above (more occupied) or below (more free) another, in levels.
 
-    0 where nothing is ``said``; 1 to 6 emptier, 7 to 12 fuller, each by rising strength.
+    0 where nothing is ``said``; 1 to 6 more free, 7 to 12 more occupied, each by rising strength.
     """
     from mapping.kernels import recording
 
@@ -61,11 +61,11 @@ def strength_classes(
 
 
 def strength_names() -> list[Named]:
-    """The classes of :func:`strength_classes`: red is fuller, blue emptier, by strength."""
+    """The classes of :func:`strength_classes`: red is more occupied, blue more free."""
     named: list[Named] = [(0, "", (0, 0, 0, 0))]
     for first, word, colour in (
-        (1, "emptier", layout.EMPTIER),
-        (1 + _LEVELS, "fuller", layout.FULLER),
+        (1, "more free", layout.MORE_FREE),
+        (1 + _LEVELS, "more occupied", layout.MORE_OCCUPIED),
     ):
         for level in range(_LEVELS):
             low, high = STRENGTHS[level], (*STRENGTHS, 0.5)[level + 1]

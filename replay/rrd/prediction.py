@@ -1,4 +1,4 @@
-"""The range that the map so far foretells, beside the one that was measured."""
+"""The range that the map so far predicts, beside the one that was measured."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from replay.rrd import columns, layout
 from replay.rrd.canvas import Canvas
 from replay.rrd.layout import Colour
 
-_ALMOST_M = 0.05  # measured and foretold ranges this close are called the same
+_ALMOST_M = 0.05  # measured and predicted ranges this close are called the same
 _ALMOST_SHARE = 0.1  # of the range
 
 
-class PredictionCompanion:
-    """Plots the nearest foretold range of each reading; cells above ``threshold`` stop a beam."""
+class PredictionOverlay:
+    """Plots the nearest predicted range of each reading; cells above ``threshold`` stop a beam."""
 
     def __init__(self, threshold: float) -> None:
         self._threshold = threshold
@@ -36,29 +36,29 @@ class PredictionCompanion:
             return ""
         if not shown:
             return ""
-        foretold = float(self._predictor.ranges_m(artifact).min(initial=np.inf))
+        predicted = float(self._predictor.ranges_m(artifact).min(initial=np.inf))
         measured = float(artifact.ranges_m[artifact.saw_something].min(initial=np.inf))
         entity = layout.predicted_range(artifact.sensor)
         colour = canvas.colour(artifact.sensor)
         canvas.prepare(
-            entity, functools.partial(_set_up, name=f"{artifact.sensor}, foretold", colour=colour)
+            entity, functools.partial(_set_up, name=f"{artifact.sensor}, predicted", colour=colour)
         )
-        # Where the map foretells nothing the plot has a gap; the number itself says inf.
-        canvas.add(entity, columns.scalars, foretold if np.isfinite(foretold) else np.nan)
-        canvas.add(entity, columns.number_records, np.array([foretold]))
-        return _in_words(measured, foretold, self._threshold)
+        # Where the map predicts nothing the plot has a gap; the number itself says inf.
+        canvas.add(entity, columns.scalars, predicted if np.isfinite(predicted) else np.nan)
+        canvas.add(entity, columns.number_records, np.array([predicted]))
+        return _in_words(measured, predicted, self._threshold)
 
 
-def _in_words(measured_m: float, foretold_m: float, threshold: float) -> str:
+def _in_words(measured_m: float, predicted_m: float, threshold: float) -> str:
     """Whether the map so far knew what was measured."""
-    if np.isinf(foretold_m):
+    if np.isinf(predicted_m):
         knew = f"no cell of the beam is above {100 * threshold:g} %"
         ending = ": the obstacle is new to it." if np.isfinite(measured_m) else ", as measured."
-        return f"**The map so far** would have foretold **nothing**: {knew}{ending}"
-    said = f"**The map so far** would have foretold **{foretold_m:.3f} m**"
+        return f"**The map so far** would have predicted **nothing**: {knew}{ending}"
+    said = f"**The map so far** would have predicted **{predicted_m:.3f} m**"
     if np.isinf(measured_m):
         return f"{said}: what stood there is not seen now."
-    gap = foretold_m - measured_m
+    gap = predicted_m - measured_m
     if abs(gap) <= max(_ALMOST_M, _ALMOST_SHARE * measured_m):
         return f"{said}: it knew this obstacle."
     return f"{said}, {abs(gap):.3f} m {'more' if gap > 0 else 'less'} than was measured."

@@ -20,7 +20,7 @@ from replay.rrd.columns import Stamp
 _HAIR_SHARE = 0.03  # of the grid's diagonal: the four strokes that point at the cell
 
 
-class ProbeCompanion:
+class ProbeOverlay:
     """Draws some probes; each must have taken an artifact before it is offered here."""
 
     def __init__(self, probes: Sequence[CellProbe]) -> None:

@@ -44,7 +44,7 @@ def draw_temp(canvas: Canvas, temp: TempGrid) -> None:
     canvas.layer(temp.beam.layer)
     if temp.window.empty:
         return
-    classes = strength_classes(temp.probability - 0.5, temp.band | temp.front)
+    classes = strength_classes(temp.probability - 0.5, temp.band | temp.free)
     _draw_patch(canvas, layout.temp(temp.beam.layer), temp.window, classes)
 
 

@@ -12,16 +12,16 @@ from mapping.config import MappingConfig
 from mapping.probing import CellProbe
 from replay.probe_words import name_of
 from replay.rrd.blueprints import default_blueprint
-from replay.rrd.companions import Companion
-from replay.rrd.display_layers import DisplayCompanion
-from replay.rrd.prediction import PredictionCompanion
-from replay.rrd.probe import ProbeCompanion
-from replay.rrd.thresholds import ThresholdsCompanion
+from replay.rrd.display_layers import DisplayOverlay
+from replay.rrd.overlays import Overlay
+from replay.rrd.prediction import PredictionOverlay
+from replay.rrd.probe import ProbeOverlay
+from replay.rrd.thresholds import ThresholdsOverlay
 from replay.rrd.writer import RrdWriter
 
 
 class RunWriter(RrdWriter):
-    """A writer with the foretold ranges, the other ways to draw the maps, and the watched cells.
+    """A writer with the predicted ranges, the other ways to draw the maps, and the watched cells.
 
     Each probe must take an artifact before the writer does.
     """
@@ -38,7 +38,7 @@ class RunWriter(RrdWriter):
         section = config.rerun
         super().__init__(
             path, config_text=config_text, name=name, every=section.every,
-            budget_mb=section.budget_mb, companions=_companions(config, probes),
+            budget_mb=section.budget_mb, overlays=_overlays(config, probes),
         )  # fmt: skip
         self._watched = tuple(name_of(probe) for probe in probes)
         self._displays = section.display
@@ -50,18 +50,18 @@ class RunWriter(RrdWriter):
         )
 
 
-def _companions(config: MappingConfig, probes: Sequence[CellProbe]) -> list[Companion]:
+def _overlays(config: MappingConfig, probes: Sequence[CellProbe]) -> list[Overlay]:
     """What this run draws beside its artifacts."""
     section = config.rerun
-    companions: list[Companion] = [PredictionCompanion(config.borders.threshold)]
+    overlays: list[Overlay] = [PredictionOverlay(config.borders.threshold)]
     if section.display:
-        companions.append(
-            DisplayCompanion(
+        overlays.append(
+            DisplayOverlay(
                 section.display, levels=section.display_levels, budget_mb=section.budget_mb
             )
         )
     if config.borders.compare:
-        companions.append(ThresholdsCompanion(config.borders))
+        overlays.append(ThresholdsOverlay(config.borders))
     if probes:
-        companions.append(ProbeCompanion(probes))
-    return companions
+        overlays.append(ProbeOverlay(probes))
+    return overlays

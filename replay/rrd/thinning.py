@@ -63,7 +63,7 @@ class Thinning:
     _seen: int = 0
     _seen_then: int = 0
     _bytes_then: int = 0
-    _owed_then: int = 0
+    _reserved_then: int = 0
     _done_then: float = 0.0
     _shown_now: bool = field(default=True)
 
@@ -93,13 +93,13 @@ class Thinning:
         return self._stages[self._stage].changes
 
     def review(
-        self, size_bytes: int, done: float, owed_bytes: int = 0, exact_share: float = 1.0
+        self, size_bytes: int, done: float, reserved_bytes: int = 0, exact_share: float = 1.0
     ) -> str:
         """Take another stage when the file would outgrow its budget, or an earlier one again.
 
         ``size_bytes`` is the file so far, ``done`` the part of the session's time that is mapped
-        (0 .. 1), ``owed_bytes`` what the end will add however little is shown, ``exact_share`` the
-        part of what was written lately that is exact values. Returns what was decided as a
+        (0 .. 1), ``reserved_bytes`` what the end will add however little is shown, ``exact_share``
+        the part of what was written lately that is exact values. Returns what was decided as a
         sentence, or nothing.
         """
         seen, grown = self._seen - self._seen_then, size_bytes - self._bytes_then
@@ -112,8 +112,8 @@ class Thinning:
             self._choose_stages(exact_share)
         cost = grown / seen
         self._remember(cost, done)
-        owed_bytes += self._growth_of_owed(owed_bytes, done)
-        room = max(self.budget_bytes * (1.0 - _RESERVE) - size_bytes - owed_bytes, 0.0)
+        reserved_bytes += self._growth_of_reserved(reserved_bytes, done)
+        room = max(self.budget_bytes * (1.0 - _RESERVE) - size_bytes - reserved_bytes, 0.0)
         if done < _EARLY and size_bytes < _LITTLE * self.budget_bytes:
             return ""
         if cost * to_come > room * (1.0 + _PATIENCE * (1.0 - done)):
@@ -130,17 +130,17 @@ class Thinning:
             return "From here on nothing is left out again."
         return self._sentence(now, "from here on")
 
-    def _growth_of_owed(self, owed_bytes: int, done: float) -> int:
+    def _growth_of_reserved(self, reserved_bytes: int, done: float) -> int:
         """How much more the end will add, if the map goes on growing as it did lately.
 
         Twice as much at most: a map grows fast at first.
         """
-        owed_then, done_then = self._owed_then, self._done_then
-        self._owed_then, self._done_then = owed_bytes, done
+        reserved_then, done_then = self._reserved_then, self._done_then
+        self._reserved_then, self._done_then = reserved_bytes, done
         if done_then == 0.0 or done <= done_then:
             return 0
-        growth = (owed_bytes - owed_then) * (1.0 - done) / (done - done_then)
-        return int(min(max(growth, 0.0), owed_bytes))
+        growth = (reserved_bytes - reserved_then) * (1.0 - done) / (done - done_then)
+        return int(min(max(growth, 0.0), reserved_bytes))
 
     def _choose_stages(self, exact_share: float) -> None:
         stages = _WHERE_EXACT_IS_DEAR if exact_share > _DEAR else _WHERE_EXACT_IS_CHEAP

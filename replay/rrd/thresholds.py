@@ -18,7 +18,7 @@ from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 
 
-class ThresholdsCompanion:
+class ThresholdsOverlay:
     """Draws every snapshot at several thresholds; the tracer is the configuration's."""
 
     def __init__(self, section: BordersSection) -> None:

@@ -33,7 +33,7 @@ LEGEND = """\
 **The map** (grey): white is free, black is occupied, blue-grey was never seen. Point at a cell to
 read its probability.
 
-**One reading** (over the map): red cells become fuller (more likely occupied), blue ones emptier;
+**One reading** (over the map): red cells become more occupied, blue ones more free;
 the stronger the colour, the more the reading says.
 
 **Lines**: the sensor's colour is the beam and its obstacle points, teal the robot and its path,
@@ -44,7 +44,7 @@ their borders, magenta the straight lines fitted to them, violet those fitted to
 empty, red where they contradict each other. What one sensor alone saw has its colour: full where
 occupied, pale where empty.
 
-**Ranges**: measured, and paler what the map so far foretold.
+**Ranges**: measured, and paler what the map so far predicted.
 
 **Keys**: arrows go one step on or back: in `step` one thing, in `reading` a whole reading.
 Ctrl and the wheel zoom, dragging moves, a double click shows all.
@@ -132,7 +132,7 @@ def _what_it_means(beam: Beam) -> str:
 def _temp(temp: TempGrid) -> str:
     from mapping.kernels.recording import said_of
 
-    in_band, most, in_front, least = said_of(temp.probability, temp.front, temp.band)
+    in_band, most, in_front, least = said_of(temp.probability, temp.free, temp.band)
     if not in_band and not in_front:
         return f"## Reading {temp.beam.number} says nothing\n\nIt touches no cell of the map."
     lines = [f"## Reading {temp.beam.number}: what {temp.beam.sensor} says of each cell\n"]
@@ -157,15 +157,15 @@ def _merged(merged: MergedGrid) -> str:
 
     head = f"## Reading {merged.beam.number} goes into the map {merged.layer}\n\n"
     before, after = merged.previous, merged.probability
-    changed, fuller, emptier, most, above, below = changes_of(before.ravel(), after.ravel())
+    changed, occupied, free, most, above, below = changes_of(before.ravel(), after.ravel())
     rule = f"Rule: **{merged.rule}**."
     if not changed:
         return f"{head}{rule} No cell changed."
     row, col = divmod(most, merged.window.cols)
     x, y = _centre(merged.geometry, merged.window, row, col)
     return (
-        f"{head}{rule} **{changed:,} cells changed**: {fuller:,} fuller, "
-        f"{emptier:,} emptier.\n\nThe largest change: the cell at ({x:.3f}, {y:.3f}) m (row "
+        f"{head}{rule} **{changed:,} cells changed**: {occupied:,} more occupied, "
+        f"{free:,} more free.\n\nThe largest change: the cell at ({x:.3f}, {y:.3f}) m (row "
         f"{row + merged.window.row0}, column {col + merged.window.col0}) went from "
         f"{percent(before[row, col])} to **{percent(after[row, col])}**.\n\n"
         f"Of the {after.size:,} cells around this beam, {above:,} are now "

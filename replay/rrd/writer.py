@@ -37,7 +37,7 @@ from replay.rrd import columns, layout, readings, scene, stages, words
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.columns import ColumnBuffer, Stamp
-from replay.rrd.companions import Companion
+from replay.rrd.overlays import Overlay
 from replay.rrd.results import Results
 from replay.rrd.thinning import Thinning
 
@@ -70,14 +70,14 @@ class RrdWriter:
         every: int = 1,
         budget_mb: float = 100.0,
         flush_readings: int = 1600,
-        companions: Sequence[Companion] = (),
+        overlays: Sequence[Overlay] = (),
     ) -> None:
         self.path = Path(path)
         self.part = self.path.with_name(self.path.name + ".part")
         self.thinning = Thinning(budget_mb * 1e6, every)
         self._config_text, self._name = config_text, name
         self._flush_readings, self._unflushed = flush_readings, 0
-        self._companions, self._asides = tuple(companions), ""
+        self._overlays, self._asides = tuple(overlays), ""
         self._recording: rr.RecordingStream | None = None
         self._shown = True
         self._size_then = self._exact_then = 0
@@ -140,8 +140,8 @@ class RrdWriter:
         for name in started.layers:
             self._canvas.layer(name)
             self._canvas.draw_layer(name, exact=False)
-        for companion in self._companions:
-            companion.start(self._canvas, started)
+        for overlay in self._overlays:
+            overlay.start(self._canvas, started)
         self._explain(started)
         self._flush()  # what never changes is in the file from now on, whatever happens
 
@@ -176,7 +176,7 @@ class RrdWriter:
 
     def _show(self, artifact: Artifact) -> None:
         """Draw an artifact at the canvas's step."""
-        self._ask_companions(artifact)
+        self._draw_overlays(artifact)
         match artifact:
             case Beam() | TempGrid() | MergedGrid():
                 self._take_reading(artifact)
@@ -192,9 +192,9 @@ class RrdWriter:
             case _:
                 raise TypeError(f"{type(artifact).__name__} is no artifact")
 
-    def _ask_companions(self, artifact: Artifact) -> None:
+    def _draw_overlays(self, artifact: Artifact) -> None:
         shown = self._shown or not isinstance(artifact, Beam | TempGrid | MergedGrid)
-        said = [each.draw(self._canvas, artifact, shown=shown) for each in self._companions]
+        said = [each.draw(self._canvas, artifact, shown=shown) for each in self._overlays]
         self._asides = "".join(f"\n\n{text}" for text in said if text)
 
     def _take_reading(self, artifact: Beam | TempGrid | MergedGrid) -> None:
@@ -206,7 +206,7 @@ class RrdWriter:
                 if self._shown:
                     readings.draw_beam(canvas, artifact)
             case TempGrid():
-                touched = artifact.band | artifact.front
+                touched = artifact.band | artifact.free
                 canvas.layer(artifact.beam.layer).see(artifact.window, touched)
                 canvas.newest_temp = artifact
                 if self._shown:
@@ -273,11 +273,11 @@ class RrdWriter:
         exact = sum(rows.exact_bytes for rows in self._buffers())
         share = (exact - self._exact_then) / max(size - self._size_then, 1)
         self._size_then, self._exact_then = size, exact
-        notice = self.thinning.review(size, done, self._owed_bytes(), share)
+        notice = self.thinning.review(size, done, self._reserved_bytes(), share)
         if notice:
             self._canvas.add(layout.NOTICE, columns.notices, notice, len(notice))
 
-    def _owed_bytes(self) -> int:
+    def _reserved_bytes(self) -> int:
         """What the exact values of all layers will take at the end, and the file's own index."""
         layers = [state.packed_tiles() for state in self._canvas.layers.values()]
         counts, sizes = [tiles for tiles, _ in layers], [size for _, size in layers]

@@ -17,8 +17,8 @@ from replay.diff.layers import (
     outline_of,
     value_layer,
 )
+from replay.rrd.prefixed_stream import root_of
 from replay.rrd.reader import RrdRecording, map_names, read_rrd
-from replay.rrd.rooted import root_of
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,8 +13,8 @@ from mapping.pipeline import build_maps
 from recorder.session import Session, read_session
 from replay.collector import Collector
 from replay.diff.alignment import common_grid
+from replay.diff.divergence import Divergence, Readings, readings_of, walk_in_step
 from replay.diff.layers import MapLayer, Source, line_of, outline_of, value_layer
-from replay.diff.parting import Parting, Readings, readings_of, walk_in_step
 
 Progress = Callable[[int, int], None]
 
@@ -38,7 +38,7 @@ def map_two(
     *,
     tolerance: float,
     progress: Progress | None = None,
-) -> tuple[Source, Source, Parting | None]:
+) -> tuple[Source, Source, Divergence | None]:
     """Two sessions on one grid, and the first reading after which their maps part.
 
     The grid is the one that holds both, unless the configuration sets it. Raises an EchogridError
@@ -56,12 +56,12 @@ def map_two(
         readings_of(streams[1]),
     )
     total = max(len(session.records) for session in sessions)
-    parting = walk_in_step(*sides, tolerance, progress=progress, total=total)
+    divergence = walk_in_step(*sides, tolerance, progress=progress, total=total)
     left, right = (
         _source(session, path, results, config)
         for session, path, results in zip(sessions, (a, b), collected, strict=True)
     )
-    return left, right, parting
+    return left, right, divergence
 
 
 def _watched(artifacts: Iterable[Artifact], results: Collector) -> Iterator[Artifact]:

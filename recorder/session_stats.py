@@ -199,7 +199,7 @@ class Sweeps:
 
 
 @dataclass(slots=True)
-class Survey:
+class SessionStats:
     """All that was counted of a session."""
 
     times: dict[str, Times] = field(default_factory=dict)

@@ -1,4 +1,4 @@
-"""What a reading does to the cells that it covers, as a recording foretells it.
+"""What a reading does to the cells that it covers, as a recording predicts it.
 
 The sums are those of a twin in plain numpy, in the same order, and nothing is fused or reordered:
 the same bits come out on every machine, and of a file that was written without these kernels.
@@ -22,17 +22,17 @@ Integers = NDArray[np.int64]
 
 @njit(cache=True, error_model="numpy")
 def covered_cells(
-    front: Flags, band: Flags, others: Flags, row0: int, col0: int, grid_cols: int
+    free: Flags, band: Flags, others: Flags, row0: int, col0: int, grid_cols: int
 ) -> tuple[Integers, Integers, int, int]:
     """The cells marked in a window whose first cell is (row0, col0): in the grid, in the window.
 
     Also how many of them lie in front and how many in the band.
     """
-    rows, cols = front.shape
+    rows, cols = free.shape
     in_front = in_band = in_others = 0
     for row in range(rows):
         for col in range(cols):
-            in_front += front[row, col]
+            in_front += free[row, col]
             in_band += band[row, col]
             in_others += others[row, col]
     cells = np.empty(in_front + in_band + in_others, np.int64)
@@ -41,7 +41,7 @@ def covered_cells(
     for row in range(rows):
         first = (row + row0) * grid_cols + col0
         for col in range(cols):
-            if front[row, col]:
+            if free[row, col]:
                 cells[next_front], inner[next_front] = first + col, row * cols + col
                 next_front += 1
             if band[row, col]:
@@ -54,9 +54,9 @@ def covered_cells(
 
 
 @njit(cache=True, error_model="numpy")
-def some_of(front: Flags, most: int) -> Integers:
+def some_of(free: Flags, most: int) -> Integers:
     """About ``most`` of the cells marked in a window, evenly, as flat indices into it; 0: all."""
-    marked = front.ravel()
+    marked = free.ravel()
     count = 0
     for k in range(marked.size):
         count += marked[k]
@@ -132,7 +132,7 @@ def front_factors(cubics: Floats, spacing_m: float, distances: Floats) -> Floats
 
 
 @njit(cache=True, error_model="numpy")
-def foretell(
+def predict(
     cells: Integers, front_factors: Floats, band_factors: Floats, odds: Floats, values: Singles,
     is_odds: bool, largest: float,
 ) -> tuple[Floats, Singles]:  # fmt: skip
@@ -141,7 +141,7 @@ def foretell(
     ``odds`` of 0 are known but from the value. Cells beyond those with factors keep their odds.
     """
     lowest, in_front = 1.0 / largest, front_factors.size
-    after, foretold = np.empty(cells.size), np.empty(cells.size, np.float32)
+    after, predicted = np.empty(cells.size), np.empty(cells.size, np.float32)
     for k in range(cells.size):
         factor = 1.0
         if k < in_front:
@@ -157,26 +157,26 @@ def foretell(
         elif now > largest:
             now = largest
         after[k] = now
-        foretold[k] = np.float32(now if is_odds else now / (1.0 + now))
-    return after, foretold
+        predicted[k] = np.float32(now if is_odds else now / (1.0 + now))
+    return after, predicted
 
 
 @njit(cache=True, error_model="numpy")
 def settle(
-    cells: Integers, after: Floats, foretold: Singles, missed: Integers, true: Singles,
+    cells: Integers, after: Floats, predicted: Singles, missed: Integers, true: Singles,
     distance_bits: Integers, odds: Floats, values: Singles, is_odds: bool,
 ) -> None:  # fmt: skip
-    """Write what was foretold into all odds and values; ``missed`` cells get ``true`` instead.
+    """Write what was predicted into all odds and values; ``missed`` cells get ``true`` instead.
 
     ``distance_bits`` tells how many bit patterns lie between the two: of one, the odds were at the
-    border between both values, nearly; else they are not known. ``after`` and ``foretold`` become
+    border between both values, nearly; else they are not known. ``after`` and ``predicted`` become
     what was written.
     """
     for n in range(missed.size):
         k = missed[n]
-        between = (np.float64(foretold[k]) + np.float64(true[n])) / 2.0
+        between = (np.float64(predicted[k]) + np.float64(true[n])) / 2.0
         after[k] = odds_of(between, is_odds) if distance_bits[n] <= 1 else 0.0
-        foretold[k] = true[n]
+        predicted[k] = true[n]
     for k in range(cells.size):
         odds[cells[k]] = after[k]
-        values[cells[k]] = foretold[k]
+        values[cells[k]] = predicted[k]

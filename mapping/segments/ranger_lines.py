@@ -40,7 +40,7 @@ _LONGER = 2.0
 
 def segments_of_ranger(
     points_m: FloatArray,
-    eyes_m: FloatArray,
+    sensor_positions_m: FloatArray,
     config: SegmentsSection,
     *,
     layer: str,
@@ -49,20 +49,25 @@ def segments_of_ranger(
 ) -> list[Segment]:
     """Lines through the obstacle points (N, 2) of one ranger, in the order of time, each wall once.
 
-    ``eyes_m`` (N, 2) is where the sensor was at each; both in metres, map frame. Neighbours more
-    than ``raw_gap_m`` apart are not joined. ``narrow`` beams tell what is free: lines that they go
-    through are left out; a wide beam may have gone past. Points that are not finite are left out.
+    ``sensor_positions_m`` (N, 2) is where the sensor was at each; both in metres, map frame.
+    Neighbours more than ``raw_gap_m`` apart are not joined. ``narrow`` beams show what is free:
+    lines that they go through are left out; a wide beam may have gone past. Points that are not
+    finite are left out.
     Raises BadInput for a method that is not known.
     """
-    points, eyes = _distinct(points_m, eyes_m)
+    points, sensor_positions_m = _distinct(points_m, sensor_positions_m)
     method = line_method(config.method)
     if len(points) < config.min_points:
         return []
     pieces = config.model_copy(update={"min_length_m": config.min_length_m / 2.0})
     chains = chains_from_points(
-        points, order=config.order, gap_m=config.raw_gap_m, closed=False, origin_m=eyes.mean(axis=0)
+        points,
+        order=config.order,
+        gap_m=config.raw_gap_m,
+        closed=False,
+        origin_m=sensor_positions_m.mean(axis=0),
     )
-    seen = _Seen(points, eyes, config.epsilon_m, narrow)
+    seen = _Seen(points, sensor_positions_m, config.epsilon_m, narrow)
     walls = seen.walls(method.lines(chains, pieces, observe), config, observe)
     if method.ordered and config.merge != "none":
         rest = joined([(points[_far_from(walls, points, config.epsilon_m)], False)])
@@ -76,24 +81,28 @@ def segments_of_ranger(
     return [raw_segment(line, layer, config) for line in meet_at_corners(walls, reach, observe)]
 
 
-def _distinct(points_m: FloatArray, eyes_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _distinct(
+    points_m: FloatArray, sensor_positions_m: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Each finite place once, where it was seen first: a robot at rest says the same again."""
-    points, eyes = (np.asarray(v, np.float64).reshape(-1, 2) for v in (points_m, eyes_m))
+    points, sensor_positions_m = (
+        np.asarray(v, np.float64).reshape(-1, 2) for v in (points_m, sensor_positions_m)
+    )
     finite = np.isfinite(points).all(axis=1)
-    points, eyes = points[finite], eyes[finite]
+    points, sensor_positions_m = points[finite], sensor_positions_m[finite]
     first = np.sort(np.unique(points, axis=0, return_index=True)[1])
-    return points[first], eyes[first]
+    return points[first], sensor_positions_m[first]
 
 
 class _Seen:
     """What a sensor saw, and from where: which lines can be walls."""
 
     def __init__(
-        self, points_m: FloatArray, eyes_m: FloatArray, epsilon_m: float, narrow: bool
+        self, points_m: FloatArray, sensor_positions_m: FloatArray, epsilon_m: float, narrow: bool
     ) -> None:
         from scipy.spatial import cKDTree
 
-        self._points, self._eyes = points_m, eyes_m
+        self._points, self._sensor_positions_m = points_m, sensor_positions_m
         self._epsilon_m, self._narrow = epsilon_m, narrow
         self._tree = cKDTree(points_m)
 
@@ -109,21 +118,21 @@ class _Seen:
         return [line for line in lines if self._through(line) <= _THROUGH * len(line.points_m)]
 
     def _is_scatter(self, line: FittedLine) -> bool:
-        eyes = self._eyes[self._tree.query(line.points_m)[1]]
-        beams = line.points_m - eyes
+        sensor_positions_m = self._sensor_positions_m[self._tree.query(line.points_m)[1]]
+        beams = line.points_m - sensor_positions_m
         reach = np.maximum(np.hypot(beams[:, 0], beams[:, 1]), 1e-12)
-        moved = float(np.ptp(eyes @ line.along))
+        moved = float(np.ptp(sensor_positions_m @ line.along))
         along = float(np.median(np.abs(beams @ line.along) / reach))
         return along > _ALONG and moved < _MOVED * line.length_m
 
     def _through(self, line: FittedLine) -> int:
         """How many beams end further than epsilon behind the line, having crossed it."""
-        before = (self._eyes - line.centre_m) @ line.normal
+        before = (self._sensor_positions_m - line.centre_m) @ line.normal
         behind = (self._points - line.centre_m) @ line.normal
         crossing = (before * behind < 0.0) & (np.abs(behind) > self._epsilon_m)
         share = before[crossing] / (before[crossing] - behind[crossing])
-        way = self._points[crossing] - self._eyes[crossing]
-        at = (self._eyes[crossing] + share[:, None] * way - line.start_m) @ line.along
+        way = self._points[crossing] - self._sensor_positions_m[crossing]
+        at = (self._sensor_positions_m[crossing] + share[:, None] * way - line.start_m) @ line.along
         return int(((at > _BESIDE_M) & (at < line.length_m - _BESIDE_M)).sum())
 
 

@@ -6,16 +6,16 @@ import numpy as np
 
 
 def covered_cells(
-    front: np.ndarray, band: np.ndarray, others: np.ndarray, row0: int, col0: int, grid_cols: int
+    free: np.ndarray, band: np.ndarray, others: np.ndarray, row0: int, col0: int, grid_cols: int
 ) -> tuple[np.ndarray, np.ndarray, int, int]:
     """Each mask's cells, one mask after the other."""
-    inner = np.concatenate([np.flatnonzero(mask) for mask in (front, band, others)])
-    row, col = np.divmod(inner, front.shape[1])
-    return (row + row0) * grid_cols + col + col0, inner, int(front.sum()), int(band.sum())
+    inner = np.concatenate([np.flatnonzero(mask) for mask in (free, band, others)])
+    row, col = np.divmod(inner, free.shape[1])
+    return (row + row0) * grid_cols + col + col0, inner, int(free.sum()), int(band.sum())
 
 
-def some_of(front: np.ndarray, most: int) -> np.ndarray:
-    marked = np.flatnonzero(front)
+def some_of(free: np.ndarray, most: int) -> np.ndarray:
+    marked = np.flatnonzero(free)
     return marked[:: max(1, len(marked) // most)] if most else marked
 
 
@@ -31,11 +31,11 @@ def odds_of(values: np.ndarray, is_odds: bool) -> np.ndarray:
     return values if is_odds else values / (1.0 - values)
 
 
-def foretell(
-    cells: np.ndarray, front: np.ndarray, band: np.ndarray, odds: np.ndarray, values: np.ndarray,
+def predict(
+    cells: np.ndarray, free: np.ndarray, band: np.ndarray, odds: np.ndarray, values: np.ndarray,
     is_odds: bool, largest: float,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    factors = np.concatenate([front, band, np.ones(len(cells) - len(front) - len(band))])
+    factors = np.concatenate([free, band, np.ones(len(cells) - len(free) - len(band))])
     known = odds[cells]
     before = np.where(known == 0.0, odds_of(values[cells].astype(np.float64), is_odds), known)
     after = np.clip(before * factors, 1.0 / largest, largest)

@@ -3,7 +3,7 @@
 In front of its band a reading says the same of all cells at one distance, for most sensor models.
 The function itself is not known here, only its value at the centres of the cells; many readings
 together sample it densely. From these samples a table is made, once for a sensor, precise enough
-that the values of a map can be foretold to the last bit and need not be written down.
+that the values of a map can be predicted to the last bit and need not be written down.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _PRECISION = 2e-12  # relative; a few hundred readings may add up before a float
 
 
 @dataclass(frozen=True, slots=True)
-class DistanceTable:
+class RadialProfile:
     """Factors at the distances 0, ``spacing_m``, 2 ``spacing_m`` ...; cubic in between.
 
     Only sums, products and roots are used to look a factor up: they give the same bits everywhere.
@@ -58,7 +58,7 @@ def look_up(cubics: Floats, spacing_m: float, distance_m: Floats) -> Floats:
     return factor
 
 
-def fit_table(distance_m: Floats, factor: Floats) -> DistanceTable | None:
+def fit_table(distance_m: Floats, factor: Floats) -> RadialProfile | None:
     """The coarsest table that gives samples (N,) of a function back; None when none does.
 
     None, too, when they are no smooth function of the distance at all.
@@ -69,13 +69,13 @@ def fit_table(distance_m: Floats, factor: Floats) -> DistanceTable | None:
         return None
     if np.ptp(y) <= _PRECISION * abs(y[0]):
         spacing = max(float(x[-1]), 1e-3)
-        return DistanceTable(spacing, np.full(5, float(np.median(y))))
+        return RadialProfile(spacing, np.full(5, float(np.median(y))))
     fine = _fine_knots(x, y)
     if fine is None:
         return None
-    best = DistanceTable(_SPACINGS_M[0], fine)
+    best = RadialProfile(_SPACINGS_M[0], fine)
     for k, spacing in enumerate(_SPACINGS_M[1:], 1):
-        coarse = DistanceTable(spacing, _extended(fine, 2**k))
+        coarse = RadialProfile(spacing, _extended(fine, 2**k))
         if _misses(coarse, x, y) > _PRECISION:
             break
         best = coarse
@@ -87,7 +87,7 @@ def _extended(fine: Floats, step: int) -> Floats:
     return fine[::step].copy()
 
 
-def _misses(table: DistanceTable, x: Floats, y: Floats) -> float:
+def _misses(table: RadialProfile, x: Floats, y: Floats) -> float:
     """The largest relative error, but for the few cells where the table's ends are."""
     if len(table.knots) < 5:
         return math.inf

@@ -13,8 +13,8 @@ from benchmarks.walls import ROOM_NAMES, SENSOR, figures, room_run, trace_run
 from mapping.config import SegmentsSection
 from mapping.grid import GridGeometry
 from mapping.segments import segments_of_ranger
+from mapping.segments.free_space import cut_where_free
 from mapping.segments.least_squares import fit_line
-from mapping.segments.seen import cut_where_free
 from recorder.errors import BadInput
 
 Floats = NDArray[np.float64]
@@ -32,8 +32,8 @@ def test_a_wall_that_was_passed_twice_is_one_line() -> None:
     back[:, 1] += noise[1]
     away = along((5, 5), (6, 5))  # another wall in between: the chain breaks twice
     points = np.concatenate([there, away, back])
-    eyes = points - [0.0, 0.5]
-    found = segments_of_ranger(points, eyes, SegmentsSection(), layer="x")
+    sensor_positions_m = points - [0.0, 0.5]
+    found = segments_of_ranger(points, sensor_positions_m, SegmentsSection(), layer="x")
     assert [round(line.length_m, 1) for line in found] == [2.0, 1.0]
     assert found[0].points == 202
     assert all((line.source, line.layer) == ("raw", "x") for line in found)
@@ -42,11 +42,13 @@ def test_a_wall_that_was_passed_twice_is_one_line() -> None:
 def test_what_narrow_beams_go_through_is_no_wall() -> None:
     wall, ghost = along((0, 2), (2, 2)), along((0.5, 1), (1.5, 1))
     points = np.concatenate([ghost, wall])
-    eyes = points - [0.0, 0.8]
-    eyes[len(ghost) :] = wall - [0.0, 1.8]  # these look through where the ghost is
-    narrow = segments_of_ranger(points, eyes, SegmentsSection(), layer="x")
+    sensor_positions_m = points - [0.0, 0.8]
+    sensor_positions_m[len(ghost) :] = wall - [0.0, 1.8]  # these look through where the ghost is
+    narrow = segments_of_ranger(points, sensor_positions_m, SegmentsSection(), layer="x")
     assert [line.start_m[1] for line in narrow] == pytest.approx([2.0])
-    wide = segments_of_ranger(points, eyes, SegmentsSection(), layer="x", narrow=False)
+    wide = segments_of_ranger(
+        points, sensor_positions_m, SegmentsSection(), layer="x", narrow=False
+    )
     assert sorted(line.start_m[1] for line in wide) == pytest.approx([1.0, 2.0])
 
 
@@ -61,8 +63,8 @@ def test_ranges_scattered_along_one_beam_are_no_wall() -> None:
 def test_points_that_leap_to_and_fro_between_two_walls_still_give_both() -> None:
     low, high = along((0, 0), (2, 0)), along((0, 0.5), (2, 0.5))
     points = np.stack([low, high], axis=1).reshape(-1, 2)
-    eyes = np.column_stack([points[:, 0], np.full(len(points), 0.25)])
-    found = segments_of_ranger(points, eyes, SegmentsSection(), layer="x")
+    sensor_positions_m = np.column_stack([points[:, 0], np.full(len(points), 0.25)])
+    found = segments_of_ranger(points, sensor_positions_m, SegmentsSection(), layer="x")
     assert sorted(round(line.start_m[1], 2) for line in found) == [0.0, 0.5]
     assert all(line.length_m == pytest.approx(2.0, abs=0.05) for line in found)
 

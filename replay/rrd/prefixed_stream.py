@@ -18,7 +18,7 @@ def root_of(name: str) -> str:
     return f"/{layout.part(name)}"
 
 
-class RootedStream:
+class PrefixedStream:
     """A recording stream that puts all it is handed below a root, and leaves some entities out.
 
     It knows the calls that drawing makes: ``log`` and ``send_columns``.

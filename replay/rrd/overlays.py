@@ -1,7 +1,7 @@
-"""What may be drawn beside the artifacts themselves: a watched cell, a foretold range, a picture.
+"""What may be drawn beside the artifacts themselves: a watched cell, a predicted range, a picture.
 
-The writer offers each artifact to every companion before it draws the artifact itself, so a
-companion sees the map as it was before. What a companion returns is said below the words of the
+The writer offers each artifact to every overlay before it draws the artifact itself, so a
+overlay sees the map as it was before. What a overlay returns is said below the words of the
 step.
 """
 
@@ -13,7 +13,7 @@ from mapping.artifacts import Artifact, Started
 from replay.rrd.canvas import Canvas
 
 
-class Companion(Protocol):
+class Overlay(Protocol):
     """Something that follows a run and draws on its canvas."""
 
     def start(self, canvas: Canvas, started: Started) -> None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from replay.mapping_run import RunResult
 
 
-def map_and_tell(
+def map_and_report(
     session: Path, config: MappingConfig, rrd: Path | None, export: Path | None, *, force: bool,
     quiet: bool, probes: Sequence[tuple[float, float]] = (), more: Sequence[Path] = (),
 ) -> int:  # fmt: skip

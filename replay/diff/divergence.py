@@ -36,7 +36,7 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True)
-class Parting:
+class Divergence:
     """The first reading, counted from 0, after which two maps differ; None: that side had ended."""
 
     reading: int
@@ -46,7 +46,7 @@ class Parting:
 
 
 @dataclass(frozen=True, slots=True)
-class StepParting:
+class StepDivergence:
     """The first step at which two recordings, or the values of one, part."""
 
     layer: str
@@ -108,10 +108,10 @@ def walk_in_step(
     *,
     progress: Callable[[int, int], None] | None = None,
     total: int = 0,
-) -> Parting | None:
+) -> Divergence | None:
     """Run two maps on one grid reading by reading, to the end; None where they never part."""
     left, right = _Growing(), _Growing()
-    found: Parting | None = None
+    found: Divergence | None = None
     for number, (one, other) in enumerate(zip_longest(a, b)):
         if progress is not None and number % 50 == 0:
             progress(number, total)
@@ -123,7 +123,7 @@ def walk_in_step(
         for reading in (one, other):
             if reading is not None and _part(left, right, reading.merged, tolerance):
                 layer = reading.merged.layer
-                found = Parting(number, layer, left.heard(one), right.heard(other))
+                found = Divergence(number, layer, left.heard(one), right.heard(other))
                 break
     return found
 
@@ -137,7 +137,7 @@ def _part(left: _Growing, right: _Growing, merged: MergedGrid, tolerance: float)
 
 def part_at_step(
     a: History, b: History, layers: Mapping[str, tuple[MapLayer, MapLayer]], tolerance: float
-) -> StepParting | None:
+) -> StepDivergence | None:
     """The first step, exact in both recordings, at which any of their layers differ."""
     found = [_layer_parts(a, b, *pair, tolerance) for pair in layers.values()]
     parted = [each for each in found if each is not None]
@@ -146,7 +146,7 @@ def part_at_step(
 
 def _layer_parts(
     a: History, b: History, left: MapLayer, right: MapLayer, tolerance: float
-) -> StepParting | None:
+) -> StepDivergence | None:
     geometry, at_a, at_b = common_grid(left.geometry, right.geometry, f"layer {left.name}")
     for (moment_a, grid_a), (moment_b, grid_b) in _together(
         a.grids(left.name), b.grids(right.name)
@@ -157,7 +157,7 @@ def _layer_parts(
         if beyond(away, tolerance).any():
             row, col = (int(v) for v in np.unravel_index(int(np.argmax(away)), away.shape))
             x_m, y_m = geometry.centres_of(np.array([[row, col]]))[0].tolist()
-            return StepParting(
+            return StepDivergence(
                 left.name, row - at_a[0], col - at_a[1], x_m, y_m, moment_a, moment_b,
                 float(one[row, col]), float(other[row, col]),
             )  # fmt: skip
