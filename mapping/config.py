@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +22,12 @@ from mapping.config_sections import (
     FusionSection,
     MappingConfig,
     SegmentsSection,
-    SensorSection,
+    sensor_section,
 )
+from mapping.names import choose
+from mapping.parameters import Configurable, ParameterSection, Section, Sensor
+from mapping.sensor_model.models import SENSOR_MODELS
+from mapping.update_rules.rules import UPDATE_RULES
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
@@ -31,7 +35,7 @@ from recorder.names import nearest
 
 __all__ = [
     "BUILT_IN_SENSORS", "PRESETS", "BordersSection", "FusionSection", "Heard", "MappingConfig",
-    "SegmentsSection", "Sensor", "load_config", "resolve_sensor",
+    "SegmentsSection", "Sensor", "load_config", "resolve_sensor", "unused_keys",
 ]  # fmt: skip
 
 CHAPTER_PRESET: dict[str, Any] = {
@@ -40,37 +44,6 @@ CHAPTER_PRESET: dict[str, Any] = {
     "fusion": {"rule": "weights", "weights": "angular"},
 }  # fmt: skip
 PRESETS = {"chapter": CHAPTER_PRESET}
-
-
-@dataclass(frozen=True, slots=True)
-class Sensor:
-    """A sensor as one session's map sees it, everything settled. Units in the names."""
-
-    name: str
-    kind: str
-    layer: str
-    radiation: Radiation
-    mount: SE2 | None  # None: the session's own transforms say it
-    beam_width_rad: float
-    range_error: float
-    min_range_m: float
-    max_range_m: float
-    model: str
-    regions: int
-    gaussian: str
-    emptiness: str
-    p_hit: float
-    p_miss: float
-    hit: float
-    miss: float
-    near: float
-    before: float
-    behind: float
-    fade_m: float
-    update: str
-    rasteriser: str
-    second_grid: bool
-    no_echo: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +58,7 @@ class Heard:
 
 
 _COMMON: dict[str, Any] = {
-    "model": "fading", "regions": 12, "gaussian": "both", "emptiness": "combined",
-    "p_hit": 0.7, "p_miss": 0.4, "update": "bayes", "rasteriser": "cells", "second_grid": True,
+    "model": "fading", "update": "bayes", "rasteriser": "cells", "second_grid": True,
 }  # fmt: skip
 _SONAR_FADING = {"hit": 0.8, "miss": 0.08, "near": 30.0, "before": 0.01, "behind": 0.1,
                  "fade_m": 0.75}  # fmt: skip
@@ -122,10 +94,13 @@ def resolve_sensor(heard: Heard, config: MappingConfig, *, mounted: bool) -> Sen
         "min_range_m": heard.min_range_m,
         "max_range_m": heard.max_range_m,
     }
-    values = {**base, **{k: v for k, v in said.items() if math.isfinite(v) and v > 0}, **asked}
+    said = {key: value for key, value in said.items() if math.isfinite(value) and value > 0}
+    values = {**parameter_defaults(), **base, **said, **asked}
     mount = asked.get("mount", None if mounted else base["mount"])
     values.pop("mount")
     width_deg = values.pop("beam_width_deg")
+    _check(heard.name, choose(SENSOR_MODELS, values["model"], "sensor model"), values)
+    _check(heard.name, choose(UPDATE_RULES, values["update"], "update rule"), values)
     return Sensor(
         name=heard.name,
         kind=kind,
@@ -133,8 +108,70 @@ def resolve_sensor(heard: Heard, config: MappingConfig, *, mounted: bool) -> Sen
         layer=values.pop("layer", None) or "",
         mount=None if mount is None else SE2(mount[0], mount[1], math.radians(mount[2])),
         beam_width_rad=math.radians(width_deg),
+        own={key: values.pop(key) for key in parameter_keys() if key not in _SENSOR_FIELDS},
         **values,
     )
+
+
+_SENSOR_FIELDS = frozenset(each.name for each in fields(Sensor))
+
+
+def parameter_keys() -> dict[str, None]:
+    """The keys that any model or rule has of its own, in order."""
+    return dict.fromkeys(key for each in _parameters() for key in each.model_fields)
+
+
+def parameter_defaults() -> dict[str, Any]:
+    """What those keys are where nothing sets them."""
+    return {key: value for each in _parameters() for key, value in each.defaults().items()}
+
+
+def _parameters() -> Iterator[type[ParameterSection]]:
+    members: Iterable[Configurable] = (*SENSOR_MODELS.values(), *UPDATE_RULES.values())
+    return (member.Parameters for member in members)
+
+
+def _check(sensor: str, member: Configurable, values: Mapping[str, Any]) -> None:
+    """Whether a model or rule can go by the values together. Raises BadInput, in one line."""
+    try:
+        member.Parameters.model_validate(member.Parameters.own_of(values))
+    except ValidationError as error:
+        raise BadInput(f"sensors.{sensor}.{_in_one_line(error)}") from None
+
+
+def unused_keys(config: MappingConfig) -> list[str]:
+    """Keys that are set, as ``sensors.NAME.key``, though the model and rule do not go by them.
+
+    A key of all sensors (``*``) is used when any of them goes by it. A model of a plugin that does
+    not state its parameters may use every key.
+    """
+    of_all = _set_keys(config.sensors.get("*"))
+    used = {
+        name: _used_keys({**of_all, **_set_keys(section)})
+        for name, section in config.sensors.items()
+    }
+    used["*"] = set().union(*used.values(), _used_keys(of_all))
+    owned = parameter_keys()
+    return [
+        f"sensors.{name}.{key}"
+        for name, section in config.sensors.items()
+        for key in _set_keys(section) if key in owned and key not in used[name]
+    ]  # fmt: skip
+
+
+def _used_keys(asked: Mapping[str, Any]) -> set[str]:
+    """The keys that the model and the rule of a sensor go by, which is asked to be so."""
+    used = {"gaussian"} if asked.get("rasteriser") == "arcs" else set()
+    tables: dict[str, Mapping[str, Configurable]]
+    tables = {"model": SENSOR_MODELS, "update": UPDATE_RULES}
+    for key, table in tables.items():
+        defaults = {entry[key] for entry in BUILT_IN_SENSORS.values()}
+        for name in [asked[key]] if key in asked else sorted(defaults):
+            known = table[name].Parameters if name in table else Configurable.Parameters
+            if key == "model" and known is Configurable.Parameters:
+                return set(parameter_keys())
+            used |= set(known.model_fields)
+    return used
 
 
 def _kind_of(heard: Heard) -> str:
@@ -145,7 +182,7 @@ def _kind_of(heard: Heard) -> str:
     return KIND_OF_RADIATION[heard.radiation]
 
 
-def _set_keys(section: SensorSection | None) -> dict[str, Any]:
+def _set_keys(section: Section | None) -> dict[str, Any]:
     return {} if section is None else section.model_dump(exclude_none=True)
 
 
@@ -241,7 +278,7 @@ def _known_keys(path: list[str]) -> list[str]:
     section: type[BaseModel] = MappingConfig
     for key in path:
         if section is MappingConfig and key == "sensors":
-            return list(SensorSection.model_fields)
+            return list(sensor_section().model_fields)
         field = section.model_fields.get(key)
         if field is None or not isinstance(field.annotation, type):
             return []

@@ -8,8 +8,8 @@ from typing import Any, Literal, get_args, get_origin
 import tomlkit
 from pydantic import BaseModel
 
-from mapping.config import BUILT_IN_SENSORS, MappingConfig
-from mapping.config_sections import SensorSection
+from mapping.config import BUILT_IN_SENSORS, MappingConfig, parameter_defaults
+from mapping.config_sections import sensor_section
 
 _SENSORS = """\
 
@@ -28,12 +28,13 @@ def explained_toml(config: MappingConfig) -> str:
     """The same for somebody who wants to change it: with the words to choose from, where a key
     takes one of a few, and with all keys of a sensor as comments."""
     lines = [_sensor_line(key, field.description or "", field.annotation)
-             for key, field in SensorSection.model_fields.items()]  # fmt: skip
+             for key, field in sensor_section().model_fields.items()]  # fmt: skip
     return _toml(config, choices=True) + _SENSORS + "".join(lines)
 
 
 def _sensor_line(key: str, description: str, annotation: Any) -> str:
-    of_each = {name: _shown(keys[key]) for name, keys in BUILT_IN_SENSORS.items() if key in keys}
+    entries = {name: {**parameter_defaults(), **keys} for name, keys in BUILT_IN_SENSORS.items()}
+    of_each = {name: _shown(keys[key]) for name, keys in entries.items() if key in keys}
     told = ", ".join(f"{name} {value}" for name, value in of_each.items())
     if len(set(of_each.values())) == 1:
         told = f"default {next(iter(of_each.values()))}"

@@ -17,8 +17,6 @@ from recorder.errors import BadInput
 
 FloatArray = NDArray[np.float64]
 
-_STARTS = {"probability": 0.5, "odds": 1.0}  # all other kinds begin at 0
-
 
 def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
     """The same array, locked: what flows between stages cannot be changed behind one's back."""
@@ -130,11 +128,6 @@ def check_size(rows: int, cols: int, *, resolution_m: float, max_cells: int) -> 
             f"({cols * resolution_m:.4g} x {rows * resolution_m:.4g} m at {resolution_m:g} m), "
             f"more than grid.max_cells = {max_cells:,}"
         )
-
-
-def start_of(kind: str) -> float:
-    """What a cell of a layer holds before any reading, in the unit ``kind``."""
-    return _STARTS.get(kind, 0.0)
 
 
 @dataclass(frozen=True, slots=True)

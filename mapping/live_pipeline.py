@@ -18,9 +18,9 @@ from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.grid import GridGeometry, geometry_for
 from mapping.live_placing import LivePlacer
-from mapping.pipeline import beam_box_m, geometry_of, raw_lines, result_stages, started_run
-from mapping.sensor_model import make_temp_grid
-from mapping.update_rules import MapState, start
+from mapping.pipeline import empty_maps, geometry_of, raw_lines, result_stages, started_run
+from mapping.sensor_model import beam_box_m, make_temp_grid
+from mapping.update_rules import MapState
 from recorder.errors import BadInput
 from recorder.messages import Message
 
@@ -114,8 +114,7 @@ class _LiveRun:
         """A grid for all beams so far with room to grow, and they merged into it."""
         placed = self.placer.placed(tuple(self._beams))
         self._geometry = self._roomy(placed.beams)
-        sensors = placed.sensors.values()
-        self._maps = {sensor.layer: start(sensor.update, self._geometry) for sensor in sensors}
+        self._maps = empty_maps(placed.sensors.values(), self._geometry)
         yield started_run(placed, self._geometry, self._walls_m)
         for beam in placed.beams:
             temp = make_temp_grid(beam, placed.sensors[beam.sensor], self._geometry)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from mapping.artifacts import Segment, Snapshot
 from mapping.fusion import FUSED
 from mapping.grid import GridGeometry, Layer
+from mapping.update_rules import UPDATE_RULES
 
 NEVER_SEEN, FREE, UNDECIDED, OCCUPIED = range(4)
 _REFERENCE = "bayes"  # the rule that the others are held against, where it takes part
-_NEVER_EMPTY = ("binary", "count", "sum", "himm")  # nothing lies below what was never hit
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +119,7 @@ def table_of(lines: Sequence[Line]) -> list[tuple[str, ...]]:
 def footnotes(lines: Sequence[Line]) -> list[str]:
     """What must be known to read the table: which maps cannot say that a cell is empty."""
     used = {rule for line in lines for rule in line.rule.split(", ")}
-    some = [rule for rule in _NEVER_EMPTY if rule in used]
+    some = [rule.name for rule in UPDATE_RULES.values() if rule.never_free and rule.name in used]
     if not some:
         return []
     verb = "know" if len(some) > 1 else "knows"

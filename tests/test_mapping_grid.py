@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mapping.grid import GridGeometry, Window, geometry_for, start_of
-from mapping.update_rules import UPDATE_RULES
+from mapping.grid import GridGeometry, Window, geometry_for
 from recorder.errors import BadInput
 
 RESOLUTIONS_M = st.sampled_from([0.01, 0.02, 0.05, 0.1, 0.3])
@@ -103,10 +102,3 @@ def test_the_smallest_window_around_cells(flags: list[list[bool]]) -> None:
         rows, cols = zip(*places, strict=True)
         assert (window.row0, window.row0 + window.rows - 1) == (min(rows), max(rows))
         assert (window.col0, window.col0 + window.cols - 1) == (min(cols), max(cols))
-
-
-@pytest.mark.parametrize("name", UPDATE_RULES)
-def test_what_a_cell_begins_with_is_what_its_rule_says(name: str) -> None:
-    rule = UPDATE_RULES[name]
-    cells = {key: np.full((1, 1), value) for key, value in rule.start.items()}
-    assert rule.values(cells)[0, 0] == start_of(rule.kind)

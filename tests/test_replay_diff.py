@@ -17,7 +17,7 @@ from recorder.errors import BadInput
 from replay.diff.alignment import align
 from replay.diff.cells import cell_figures
 from replay.diff.comparing import Report, report
-from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Line, Outline, Source, classes_of
+from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Line, MapLayer, Outline, Source, value_layer
 from replay.diff.lines import border_figures, line_figures
 from replay.diff.verdict import (
     OTHER,
@@ -156,6 +156,11 @@ def test_iou_and_class_changes_by_hand() -> None:
     assert cells.differ == 2
 
 
+def layer_of(kind: str, values: np.ndarray, extra: dict[str, np.ndarray] | None = None) -> MapLayer:
+    grid = GridGeometry((0.0, 0.0), 0.1, *values.shape)
+    return value_layer("ping", kind, grid, values, extra=extra)
+
+
 @pytest.mark.parametrize(
     ("kind", "values", "classes"),
     [
@@ -167,12 +172,14 @@ def test_iou_and_class_changes_by_hand() -> None:
     ],
 )
 def test_classes_of_each_unit(kind: str, values: list[float], classes: list[int]) -> None:
-    assert classes_of(kind, np.array([values], np.float32))[0].tolist() == classes
+    layer = layer_of(kind, np.array([values], np.float32))
+    assert layer.classes[0].tolist() == classes
 
 
 def test_masses_use_what_is_unknown() -> None:
     extra = {"occupied": np.array([[0.0, 0.2, 0.6]]), "unknown": np.array([[1.0, 0.1, 0.1]])}
-    assert classes_of("mass", extra["occupied"], extra)[0].tolist() == [UNKNOWN, FREE, OCCUPIED]
+    layer = layer_of("mass", extra["occupied"], extra)
+    assert layer.classes[0].tolist() == [UNKNOWN, FREE, OCCUPIED]
 
 
 def test_units_that_differ_are_compared_by_class() -> None:

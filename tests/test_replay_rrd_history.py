@@ -19,7 +19,6 @@ from replay.rrd.history import HistoryError, HistoryReader
 from replay.rrd.history_track import Track
 from replay.rrd.history_writer import HistoryWriter
 from replay.rrd.radial_profile import fit_table, look_up
-from replay.rrd.tiles import start_value
 
 GRID = GridGeometry((-0.3, -0.2), 0.02, 110, 140)
 
@@ -37,7 +36,7 @@ def readings(
 
 def empty(rule: str) -> np.ndarray:
     known = UPDATE_RULES[rule]
-    return np.full(GRID.shape, start_value(known.kind, rule), np.float32)
+    return np.full(GRID.shape, known.start_value, np.float32)
 
 
 def told(
@@ -45,7 +44,9 @@ def told(
 ) -> tuple[list[tuple[int, bytes]], list[np.ndarray]]:
     """The records of a run, with the number of the reading of each, and the grid after each."""
     known = UPDATE_RULES[rule]
-    writer: HistoryWriter[int] = HistoryWriter(GRID, known.kind, start_value(known.kind, rule))
+    writer: HistoryWriter[int] = HistoryWriter(
+        GRID, known.kind, known.start_value, predicts=known.multiplies_odds
+    )
     grid, records, after = empty(rule), [], []
     for number, (temp, merged) in enumerate(readings(rule, count)):
         records += writer.add(merged.window, merged.values, temp, number)
@@ -56,7 +57,7 @@ def told(
 
 def reader(rule: str) -> HistoryReader:
     known = UPDATE_RULES[rule]
-    return HistoryReader(Track(GRID, known.kind, start_value(known.kind, rule)))
+    return HistoryReader(Track(GRID, known.kind, known.start_value))
 
 
 @pytest.mark.parametrize("rule", sorted(UPDATE_RULES))
@@ -76,8 +77,8 @@ def test_every_rules_values_come_back_bit_for_bit(rule: str) -> None:
 def test_what_readings_say_by_distance_alone_takes_next_to_nothing(width_deg: float) -> None:
     """A tenth, once the table is there, of what the plain differences take."""
     grid = GridGeometry((-0.3, -0.2), 0.01, 280, 360)
-    predicted: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5)
-    plain: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5)
+    predicted: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5, predicts=True)
+    plain: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5, predicts=True)
     sizes = {"predicted": 0, "plain": 0}
     for number, (temp, merged) in enumerate(readings("bayes", 48, width_deg, grid)):
         records = predicted.add(merged.window, merged.values, temp, number)
@@ -104,7 +105,7 @@ def test_a_lost_or_spoiled_record_is_noticed() -> None:
 
 def test_whole_values_in_between_and_a_restart() -> None:
     """A whole tile that the file holds, and the odds forgotten after a whole map."""
-    writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5)
+    writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5, predicts=True)
     back, grid = reader("bayes"), empty("bayes")
     for number, (temp, merged) in enumerate(readings("bayes", 60)):
         before = grid.copy()
@@ -139,7 +140,7 @@ def test_any_bits_in_any_windows_with_or_without_temp_grids(
         (0.0, 0.0), 0.1, int(random.integers(1, 60)), int(random.integers(1, 60))
     )
     kind = "odds" if odds else "probability"
-    writer: HistoryWriter[int] = HistoryWriter(geometry, kind, 0.5)
+    writer: HistoryWriter[int] = HistoryWriter(geometry, kind, 0.5, predicts=True)
     back = HistoryReader(Track(geometry, kind, 0.5))
     grid, run = np.full(geometry.shape, 0.5, np.float32), MadeRun(geometry, readings=count)
     grids = []
@@ -167,7 +168,7 @@ def test_a_reading_that_lacks_its_front_or_band() -> None:
     temp, merged = next(readings("bayes", 1))
     nothing = np.zeros_like(temp.band)
     for changed in ({"band": nothing}, {"free": nothing}, {"band": nothing, "free": nothing}):
-        writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5)
+        writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5, predicts=True)
         part = dataclasses.replace(temp, **changed)
         records = writer.add(merged.window, merged.values, part, 0) + writer.drain()
         back = reader("bayes")

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
-from mapping.config import Sensor
 from mapping.grid import read_only
 from mapping.laws.made_readings import GRID, READINGS, Draw, beam_at, random_beam, random_sensor
+from mapping.parameters import Sensor
 from mapping.sensor_model import CellsInBeam, SensorModel
 from mapping.sensor_model.cells import rasterise_cells
 from recorder.geometry import SE2
@@ -25,7 +25,7 @@ ROUNDING = 1e-9
 def _seen(model: SensorModel, draw: Draw) -> Iterator[tuple[Sensor, CellsInBeam]]:
     """Random sensors and what their beams could cover."""
     for _ in range(READINGS):
-        sensor = random_sensor(draw, model.name)
+        sensor = random_sensor(draw, model)
         yield sensor, random_cells_in_beam(model, sensor, draw)
 
 
@@ -63,7 +63,7 @@ def random_cells_in_beam(
 def band_is_a_band(model: SensorModel, draw: Draw) -> str | None:
     """The band begins between the sensor and the range, and does not end before the range."""
     for _ in range(READINGS):
-        before, behind = model.band(random_sensor(draw, model.name))
+        before, behind = model.band(random_sensor(draw, model))
         if not (0.0 <= before <= 1.0 and 0.0 <= behind < np.inf):
             return f"band gives {before:g} before and {behind:g} behind the range"
     return None
@@ -117,7 +117,7 @@ def _on_a_region_edge(beam_cells: CellsInBeam, regions: int) -> Flags:
 def turns_with_the_beam(model: SensorModel, draw: Draw) -> str | None:
     """A robot turned by a quarter gets the same temp grid, turned by a quarter."""
     for _ in range(READINGS):
-        sensor = random_sensor(draw, model.name)
+        sensor = random_sensor(draw, model)
         beam = random_beam(draw, sensor)
         pose = beam.world_from_sensor
         turned_pose = SE2(-pose.y_m, pose.x_m, pose.heading_rad + np.pi / 2.0)

@@ -93,7 +93,7 @@ def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
         rise = rule.probability(here, most) - before
         passed, hit = axis_cells(temp)
         sunk = temp.band & (temp.probability > 0.5) & (rise < -ROUNDING)
-        if rule.kind == "certainty":  # goes by the axis alone, which runs into the band a little
+        if rule.along_axis:  # which runs into the band a little
             sunk &= ~passed
         # The centre of the obstacle's own cell may lie in front of the band: that says nothing.
         free = temp.free & ~hit

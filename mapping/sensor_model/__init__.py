@@ -8,13 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Sensor
 from mapping.grid import GridGeometry
 from mapping.names import choose
+from mapping.parameters import Sensor
 from mapping.sensor_model.arcs import rasterise_arcs
-from mapping.sensor_model.cells import rasterise_cells
+from mapping.sensor_model.cells import rasterise_cells, reach_of
 from mapping.sensor_model.models import (
     SENSOR_MODELS,
     CellsInBeam,
@@ -24,6 +27,7 @@ from mapping.sensor_model.models import (
     regions_table,
 )
 
+Floats = NDArray[np.float64]
 Rasteriser = Callable[[Beam, Sensor, SensorModel, GridGeometry], TempGrid]
 RASTERISERS: dict[str, Rasteriser] = {"cells": rasterise_cells, "arcs": rasterise_arcs}
 
@@ -32,11 +36,17 @@ __all__ = [
     "SENSOR_MODELS",
     "CellsInBeam",
     "SensorModel",
+    "beam_box_m",
     "emptiness",
     "make_temp_grid",
     "region_of",
     "regions_table",
 ]
+
+
+def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[Floats, Floats]:
+    """The corners (low, high) of a box around all that a reading can touch, metres."""
+    return beam.bounds_m(reach_of(choose(SENSOR_MODELS, sensor.model, "sensor model"), sensor))
 
 
 def make_temp_grid(beam: Beam, sensor: Sensor, geometry: GridGeometry) -> TempGrid:

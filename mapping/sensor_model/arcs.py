@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Sensor
 from mapping.grid import GridGeometry, Window, read_only
-from mapping.sensor_model.cells import Spans, spans_of, window_of
+from mapping.parameters import Sensor
+from mapping.sensor_model.cells import Spans, reach_of, spans_of
 from mapping.sensor_model.models import CellsInBeam, SensorModel
 
 Floats = NDArray[np.float64]
@@ -44,7 +44,7 @@ def rasterise_arcs(
     """The temp grid of a reading, from samples; ``sub_grids`` holds each of them once, if asked."""
     spans = spans_of(beam, sensor, model)
     samples = _samples(beam, spans, geometry.resolution_m, halved=sensor.gaussian != "none")
-    window = window_of(beam, max(0.0, model.band(sensor)[1]), geometry)
+    window = geometry.window_around(*beam.bounds_m(reach_of(model, sensor)))
     probability = model.occupied(sensor, _cells_in_beam(beam, spans, samples))
     cells = geometry.cells_of(_points(beam, samples)) - (window.row0, window.col0)
     inside = ((cells >= 0) & (cells < (window.rows, window.cols))).all(axis=1)

@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Sensor
 from mapping.grid import GridGeometry, Window, read_only
+from mapping.parameters import Sensor
 from mapping.sensor_model.models import CellsInBeam, SensorModel
+from recorder.errors import BadInput
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -69,7 +70,7 @@ def rasterise_cells(
     the cell that holds its obstacle point as the band, seen as if its centre were that point.
     """
     spans = spans_of(beam, sensor, model)
-    window = window_of(beam, max(0.0, model.band(sensor)[1]), geometry)
+    window = geometry.window_around(*beam.bounds_m(reach_of(model, sensor)))
     free = np.zeros((window.rows, window.cols), np.bool_)
     band = np.zeros_like(free)
     if beam.ranges_m.size == 1:
@@ -86,9 +87,14 @@ def rasterise_cells(
     return TempGrid(beam, geometry, window, probability, band, free)
 
 
-def window_of(beam: Beam, behind: float, geometry: GridGeometry) -> Window:
-    """The rectangle of cells that holds a beam whose band ends ``behind`` its range."""
-    return geometry.window_around(*beam.bounds_m(1.0 + behind))
+def reach_of(model: SensorModel, sensor: Sensor) -> float:
+    """How far a reading can touch cells, in shares of its range: to the end of its band."""
+    before, behind = model.band(sensor)
+    if not (math.isfinite(before) and math.isfinite(behind)):
+        raise BadInput(
+            f"sensor model {model.name!r}: its band is no part of the range ({before}, {behind})"
+        )
+    return 1.0 + max(0.0, behind)
 
 
 def _centres(geometry: GridGeometry, window: Window, beam: Beam) -> tuple[Floats, Floats]:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.special import expit, ndtr
 
-from mapping.config import Sensor
+from mapping.parameters import Configurable, Fraction, NonNegative, Positive, Sensor
 from recorder.errors import BadInput
 
 Floats = NDArray[np.float64]
@@ -111,10 +112,12 @@ class CellsInBeam:
         return np.where(ahead, self.rho_m / np.where(ahead, self.band_start_m, 1.0), 1.0)
 
 
-class SensorModel:
-    """Base of all models: the band is the range and its relative error on both sides."""
+class SensorModel(Configurable):
+    """Base of all models: the band is the range and its relative error on both sides.
 
-    name: ClassVar[str] = ""
+    ``Parameters`` are the keys of ``[sensors.NAME]`` that the model goes by, besides what every
+    sensor has; it reads their values from the sensor.
+    """
 
     def band(self, sensor: Sensor) -> tuple[float, float]:
         """How far the band reaches before and behind a range, relative to the range."""
@@ -159,6 +162,15 @@ class Regions(SensorModel):
 
     name = "regions"
 
+    class Parameters(SensorModel.Parameters):
+        regions: int = Field(12, description="regions over +-3 standard deviations: 6, 12 ...")
+        gaussian: Literal["both", "angle", "distance", "none"] = Field(
+            "both", description="which of the two errors are Gaussian"
+        )
+        emptiness: Literal["none", "constant", "linear", "combined"] = Field(
+            "combined", description="what is said of the cells in front of the band"
+        )
+
     def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
         a, _ = _angle_factor(sensor, beam_cells)
         q, _ = _distance_factor(sensor, beam_cells)
@@ -169,6 +181,10 @@ class Peak(SensorModel):
     """The same shape scaled to ``p_hit`` at the likeliest place and ``p_miss`` at the sensor."""
 
     name = "peak"
+
+    class Parameters(Regions.Parameters):
+        p_hit: Fraction = Field(0.7, description="probability at the likeliest place")
+        p_miss: Fraction = Field(0.4, description="probability close to the sensor")
 
     def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
         a, a_max = _angle_factor(sensor, beam_cells)
@@ -183,6 +199,14 @@ class Fading(SensorModel):
     """A wall lies on the arc or behind it, and far readings say less; the same over the beam."""
 
     name = "fading"
+
+    class Parameters(SensorModel.Parameters):
+        hit: NonNegative = Field(description="log-odds of the band, close by")
+        miss: NonNegative = Field(description="log-odds taken in front")
+        near: NonNegative = Field(description="how much surer close to the sensor")
+        before: NonNegative = Field(description="band before the range, relative")
+        behind: NonNegative = Field(description="band behind the range, relative")
+        fade_m: Positive = Field(description="range at which half is believed")
 
     def band(self, sensor: Sensor) -> tuple[float, float]:
         return sensor.before, sensor.behind

@@ -10,7 +10,9 @@ from mapping.update_rules.rules import (
     UpdateRule,
     combine_masses,
     log_odds,
+    rule_of,
     share_of_largest,
+    unit_gives_start,
 )
 from mapping.update_rules.state import MapState, at_least_share, start
 
@@ -22,6 +24,8 @@ __all__ = [
     "at_least_share",
     "combine_masses",
     "log_odds",
+    "rule_of",
     "share_of_largest",
     "start",
+    "unit_gives_start",
 ]

@@ -10,7 +10,7 @@ import numpy as np
 
 from mapping.artifacts import Artifact, MergedGrid
 from mapping.beams import Beam
-from mapping.grid import start_of
+from mapping.update_rules import rule_of
 from replay.diff.alignment import common_grid, padded
 from replay.diff.cells import beyond, distances
 from replay.diff.layers import History, MapLayer, Moment, Values
@@ -85,7 +85,7 @@ class _Growing:
 
     def grid(self, merged: MergedGrid) -> Values:
         if merged.layer not in self._grids:
-            start = start_of(merged.kind)
+            start = rule_of(merged.kind, merged.rule).start_value
             self._grids[merged.layer] = np.full(merged.geometry.shape, start, np.float32)
         return self._grids[merged.layer]
 

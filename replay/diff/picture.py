@@ -17,10 +17,10 @@ from PIL import Image, ImageDraw, ImageFont
 from mapping.grid import Window
 from recorder.errors import BadInput
 from recorder.outputs import written_beside
-from replay.diff.alignment import Aligned
+from replay.diff.alignment import Aligned, Shades
 from replay.diff.cells import distances
 from replay.diff.comparing import LayerReport, Report
-from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Codes, Values, probability_of
+from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Codes
 from replay.diff.patches import Ends
 
 Pixels = NDArray[np.uint8]
@@ -82,8 +82,8 @@ def _row(layer: LayerReport, report: Report) -> Image.Image:
     panels = [
         _enlarged(pixels, window, scale)
         for pixels in (
-            map_pixels(pair.a_values, pair.a_classes, layer),
-            map_pixels(pair.b_values, pair.b_classes, layer),
+            map_pixels(pair.a_shades, pair.a_classes, by_class=pair.by_class),
+            map_pixels(pair.b_shades, pair.b_classes, by_class=pair.by_class),
             difference_pixels(pair),
         )
     ]
@@ -106,19 +106,19 @@ def _row(layer: LayerReport, report: Report) -> Image.Image:
     return row
 
 
-def map_pixels(values: Values, classes: Codes, layer: LayerReport) -> Pixels:
+def map_pixels(shades: Shades, classes: Codes, *, by_class: bool) -> Pixels:
     """A layer as grey probabilities, (rows, cols, 3), row 0 at the lowest y."""
-    if layer.by_class:
+    if by_class:
         shade = np.full(classes.shape, 0.5)
         for code, value in _CLASS_SHADE.items():
             shade[classes == code] = value
     else:
-        shade = np.nan_to_num(probability_of(layer.kind, values), nan=0.5)
+        shade = np.nan_to_num(shades, nan=0.5)
     grey = np.round(255.0 * (1.0 - np.clip(shade, 0.0, 1.0))).astype(np.uint8)
     pixels = np.repeat(grey[..., None], 3, axis=2)
     unseen = classes == UNKNOWN
-    if not layer.by_class:
-        unseen &= shade == (0.5 if layer.kind in ("probability", "odds", "mass") else 0.0)
+    if not by_class:
+        unseen &= np.isnan(shades)
     pixels[unseen] = _UNSEEN
     return pixels
 

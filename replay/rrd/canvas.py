@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import MergedGrid, TempGrid
 from mapping.grid import GridGeometry
+from mapping.update_rules import rule_of
 from replay.rrd import columns, layout, scene
 from replay.rrd.columns import ColumnBuffer, LayerRecord, Pack, Stamp
 from replay.rrd.history_writer import HistoryWriter
 from replay.rrd.layout import Colour, Tiling
 from replay.rrd.pictures import UNSEEN
-from replay.rrd.tiles import LayerTiles, Place, start_value
+from replay.rrd.tiles import LayerTiles, Place
 from replay.rrd.trail import Trail
 
 
@@ -106,7 +107,7 @@ class Canvas:
         """The same, once the unit of its values and its update rule are known."""
         state = self.layer(name)
         if state.begin(kind, rule):
-            record = LayerRecord(kind, rule, start_value(kind, rule))
+            record = LayerRecord(kind, rule, rule_of(kind, rule).start_value)
             self.add(layout.layer_root(name), columns.layer_records, record)
         return state
 
@@ -175,8 +176,10 @@ class Canvas:
         """Add a reading to the history of its layer."""
         name, temp = merged.layer, self.newest_temp
         if name not in self._histories:
-            start = start_value(merged.kind, merged.rule)
-            self._histories[name] = HistoryWriter(self.geometry, merged.kind, start)
+            rule = rule_of(merged.kind, merged.rule)
+            self._histories[name] = HistoryWriter(
+                self.geometry, merged.kind, rule.start_value, predicts=rule.multiplies_odds
+            )
             self._told[name] = []
         if ticket.stamp is None:
             self._hidden.setdefault(name, []).append(ticket)

@@ -59,8 +59,8 @@ def _draw_layer(recording: rr.RecordingStream, report: Report, layer: LayerRepor
     pair, geometry = layer.pair, layer.pair.geometry
     difference = np.asarray(pair.b_values, np.float64) - pair.a_values
     sides = (
-        (map_pixels(pair.a_values, pair.a_classes, layer), pair.a_values),
-        (map_pixels(pair.b_values, pair.b_classes, layer), pair.b_values),
+        (map_pixels(pair.a_shades, pair.a_classes, by_class=pair.by_class), pair.a_values),
+        (map_pixels(pair.b_shades, pair.b_classes, by_class=pair.by_class), pair.b_values),
         (difference_pixels(pair), difference),
     )
     for side, (pixels, exact) in zip(_SIDES, sides, strict=True):

@@ -23,6 +23,7 @@ from mapping.artifacts import Artifact, Snapshot, Started
 from mapping.display import against_largest, at_depth, grey, three_colours, two_colours
 from mapping.fusion import FUSED
 from mapping.grid import Layer, Window
+from mapping.update_rules import rule_of
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.pictures import Named
@@ -158,7 +159,7 @@ def _odds(layer: Layer) -> Floats:
 
     A cell held as surely occupied counts as the surest that a float32 can tell from it.
     """
-    if layer.kind not in ("probability", "binary", "mass"):
+    if rule_of(layer.kind).shown_as_odds:
         return np.where(layer.observed, layer.values, 0.0).astype(np.float64)
     surest = float(np.nextafter(np.float32(1), np.float32(0)))
     p = np.minimum(layer.probability.astype(np.float64), surest)

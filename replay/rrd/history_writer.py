@@ -21,7 +21,6 @@ from replay.rrd.radial_profile import RadialProfile, fit_table
 
 T = TypeVar("T")
 
-_PREDICTED_KINDS = ("probability", "odds")
 _MOST_MISSED = 0.4  # of the covered cells; above it plain differences are smaller
 _GATHERED = 16  # readings, before a table is made of them
 _MOST_WAITING = 64  # readings, of all sensors
@@ -53,9 +52,13 @@ class _Sensor:
 
 
 class HistoryWriter(Generic[T]):
-    """Makes the records of one layer; a ``ticket`` comes back with each record."""
+    """Makes the records of one layer; a ``ticket`` comes back with each record.
 
-    def __init__(self, geometry: GridGeometry, kind: str, start: float) -> None:
+    ``predicts`` states whether readings may multiply the odds of the cells.
+    """
+
+    def __init__(self, geometry: GridGeometry, kind: str, start: float, *, predicts: bool) -> None:
+        self._predicts = predicts
         self._track = Track(geometry, kind, start, largest_odds(CLAMP))
         self._number = 0
         self._sensors: dict[str, _Sensor] = {}
@@ -96,7 +99,7 @@ class HistoryWriter(Generic[T]):
 
     def _may_predict(self, window: Window, temp: TempGrid) -> bool:
         return (
-            self._track.kind in _PREDICTED_KINDS
+            self._predicts
             and temp.window == window
             and not temp.sub_grids
             and not window.empty

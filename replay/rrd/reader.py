@@ -93,6 +93,12 @@ class RrdRecording:
         root = layout.layer_root(layer)
         return self._file.one_text(root, "kind"), self._file.one_text(root, "rule")
 
+    def start_value(self, layer: str) -> float | None:
+        """What a cell of a layer held before any reading; None for a layer without readings."""
+        for batch in self._file.batches(layout.layer_root(layer), "start", whole=True):
+            return float(numbers_of(batch, "start", 0)[0])
+        return None
+
     def extra(self, layer: str) -> dict[str, NDArray[np.float32]]:
         """Further arrays of a layer's rule, at its last snapshot, by name."""
         newest = dict(self._file.rows(f"{layout.extra(layer, '')}**", "values"))
@@ -148,10 +154,8 @@ class RrdRecording:
 
     def _start(self, layer: str) -> LayerStart:
         """What a layer was before any reading."""
-        for batch in self._file.batches(layout.layer_root(layer), "start", whole=True):
-            kind = str(batch.column("kind")[0].as_py()[0])
-            return LayerStart(self.geometry, kind, float(numbers_of(batch, "start", 0)[0]))
-        return LayerStart(self.geometry, "", 0.0)
+        kind, _ = self.kind_and_rule(layer)
+        return LayerStart(self.geometry, kind, self.start_value(layer) or 0.0)
 
     def _played_from(self, layer: str, begin: int) -> Playback:
         """A layer, ready to be followed from a whole map on (-1: from the start)."""

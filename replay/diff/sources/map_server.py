@@ -22,7 +22,6 @@ from replay.diff.layers import (
     MapLayer,
     Source,
     never_seen,
-    probability_of,
 )
 
 _NEEDED = ("image", "resolution", "origin")
@@ -58,8 +57,8 @@ class MapFile:
         """The classes that a layer of values would have if it were written as such a map."""
         if layer.values is None:
             return layer.classes
-        probability = probability_of(layer.kind, layer.values, layer.extra)
-        unseen = never_seen(layer.kind, layer.values, layer.extra) | ~np.isfinite(probability)
+        probability = layer.probability
+        unseen = never_seen(layer) | ~np.isfinite(probability)
         # Rounded to a grey as the file's are, or a cell next to a threshold would seem to differ.
         grey = np.round(255.0 * (1.0 - np.clip(np.where(unseen, 0.5, probability), 0.0, 1.0)))
         occupancy = 1.0 - grey / 255.0

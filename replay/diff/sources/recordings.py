@@ -105,13 +105,14 @@ def _beam_widths_rad(recording: RrdRecording) -> dict[str, float]:
 
 def _layer(recording: RrdRecording, name: str, beam_width_rad: float | None) -> MapLayer:
     """Only the newest lines and borders count: those of the last time they were worked out."""
-    kind, _ = recording.kind_and_rule(name)
+    kind, rule = recording.kind_and_rule(name)
     snapshots = [s.step for s in recording.steps if s.artifact == "Snapshot" and s.layer == name]
     since = snapshots[-1] if snapshots else 0
     segments = [s for step, s in recording.segments() if s.layer == name and step >= since]
     borders = [b for step, b in recording.borders() if b.layer == name and step >= since]
     return value_layer(
-        name, kind or "probability", recording.geometry, recording.grid(name),
+        name, kind or "probability", recording.geometry, recording.grid(name), rule=rule,
+        start=recording.start_value(name),
         extra=recording.extra(name), lines=tuple(line_of(s) for s in segments),
         borders=tuple(outline_of(b) for b in borders), beam_width_rad=beam_width_rad,
     )  # fmt: skip

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from mapping.artifacts import Artifact, Started
+from mapping.artifacts import Artifact, Snapshot, Started
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
-from mapping.grid import GridGeometry, Layer
+from mapping.grid import GridGeometry
 from mapping.pipeline import build_maps
 from recorder.session import Session, read_session
 from replay.collector import Collector
@@ -72,16 +72,17 @@ def _watched(artifacts: Iterable[Artifact], results: Collector) -> Iterator[Arti
 
 def _source(session: Session, path: Path, results: Collector, config: MappingConfig) -> Source:
     notes = tuple(f"{path.name}: {reason}" for reason in session.damage)
-    layers = {name: _layer(each.layer, results) for name, each in results.snapshots.items()}
+    layers = {name: _layer(each, results) for name, each in results.snapshots.items()}
     return Source(
         path, "session", layers, config_toml=commented_toml(config), notes=notes,
         damaged=bool(session.damage),
     )  # fmt: skip
 
 
-def _layer(layer: Layer, results: Collector) -> MapLayer:
+def _layer(snapshot: Snapshot, results: Collector) -> MapLayer:
+    layer = snapshot.layer
     return value_layer(
-        layer.name, layer.kind, layer.geometry, layer.values, extra=layer.extra,
+        layer.name, layer.kind, layer.geometry, layer.values, rule=snapshot.rule, extra=layer.extra,
         lines=tuple(line_of(s) for s in results.segments if s.layer == layer.name),
         borders=tuple(outline_of(b) for b in results.borders if b.layer == layer.name),
         beam_width_rad=results.beam_widths_rad.get(layer.name),
