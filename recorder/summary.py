@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 
 from recorder.anomalies import anomalies
 from recorder.session import SessionReader
-from recorder.session_parts import PART, parts_beside
-from recorder.session_stats import Readings, SessionStats, Times, Track
+from recorder.session.parts import PART, parts_beside
+from recorder.session.stats import Readings, SessionStats, Times, Track
 
 _LONGEST_VALUE = 100
 _PROGRESS_EVERY = 2000

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recorder.cadence import Cadence
+from recorder.recording.cadence import Cadence
 
 STEP_NS = 50_000_000
 

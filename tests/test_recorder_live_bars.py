@@ -10,11 +10,11 @@ import pytest
 from rich.console import Console
 
 from recorder.geometry import SE2
-from recorder.live_bars import LiveBars, bars
 from recorder.messages import Pose, Radiation, Range
 from recorder.recording import RecordingStatus
-from recorder.status_text import lost_anything, status_line
-from recorder.translation import RecordingCounters
+from recorder.recording.live_bars import LiveBars, bars
+from recorder.recording.status_text import lost_anything, status_line
+from recorder.recording.translation import RecordingCounters
 
 
 def reading(sensor: str, range_m: float) -> Range:

@@ -16,8 +16,8 @@ from recorder.errors import BadInput
 from recorder.link import Link
 from recorder.messages import Pose, Range, Transform
 from recorder.playback import mounts_of, playback_of
-from recorder.recording_options import RecordingOptions
-from recorder.recording_run import opened_source
+from recorder.recording.options import RecordingOptions
+from recorder.recording.run import opened_source
 from recorder.session import WALLS, read_session
 
 

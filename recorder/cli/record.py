@@ -26,7 +26,7 @@ def record(source: str, output: Path, force: bool, quiet: bool, **choices: Any) 
     replay:SESSION (one that was recorded). On a terminal, space or p pauses and goes on and q ends;
     elsewhere the signals SIGUSR1 and SIGINT do.
     """
-    from recorder.recording_run import record_line
+    from recorder.recording.run import record_line
 
     with prepared(source, output, choices, force=force, quiet=quiet) as ready:
         counters = record_line(

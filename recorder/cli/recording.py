@@ -14,10 +14,10 @@ import click
 from recorder.cli import options
 
 if TYPE_CHECKING:
-    from recorder.controls import Controls
     from recorder.recording import RecordingStatus
-    from recorder.recording_options import RecordingOptions
-    from recorder.translation import RecordingCounters
+    from recorder.recording.controls import Controls
+    from recorder.recording.options import RecordingOptions
+    from recorder.recording.translation import RecordingCounters
 
 _LONGEST_S = 1e9  # 30 years
 
@@ -118,9 +118,9 @@ def prepared(
 
     Raises OutputExists, and BadInput for options that make no sense.
     """
-    from recorder.controls import Controls, keys, signals
     from recorder.outputs import check_output
-    from recorder.recording_run import opened_source, recorded_input
+    from recorder.recording.controls import Controls, keys, signals
+    from recorder.recording.run import opened_source, recorded_input
 
     check_output(output, recorded_input(source), force=force)
     options = _options_of(choices, force=force)
@@ -135,7 +135,7 @@ def prepared(
             typed = stack.enter_context(keys(controls, sys.stdin.fileno()))
         on_status, period_s = None, 1.0
         if not quiet:
-            from recorder.screen import open_screen
+            from recorder.recording.screen import open_screen
 
             on_status, period_s = open_screen(stack, output, keys=typed)
         yield Prepared(source, options, controls, on_status, period_s)
@@ -145,7 +145,7 @@ def tell_counters(
     counters: RecordingCounters, output: Path, *, quiet: bool, source_damage: Sequence[str] = ()
 ) -> int:
     """Say what came of a recording, and what its source had lost before; the exit code."""
-    from recorder.status_text import lost_anything, nothing_understood
+    from recorder.recording.status_text import lost_anything, nothing_understood
 
     if not quiet:
         paused = f", {counters.paused_messages} left out in pauses" if counters.pauses else ""
@@ -160,7 +160,7 @@ def tell_counters(
 
 
 def _options_of(choices: dict[str, Any], *, force: bool) -> RecordingOptions:
-    from recorder.recording_options import (
+    from recorder.recording.options import (
         RecordingOptions,
         parse_mount,
         parse_sensor,

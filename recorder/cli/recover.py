@@ -22,7 +22,7 @@ def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
 
     Exit code 0: nothing was lost; 1: something was, and is said; 2: nothing can be used.
     """
-    from recorder.session_recover import recover as run
+    from recorder.session.recover import recover as run
     from recorder.summary import counted
 
     with progress_bar(f"recovering {bad.name}", quiet=quiet) as advance:

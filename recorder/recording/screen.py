@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 if TYPE_CHECKING:
-    from recorder.recording import RecordingStatus
+    from recorder.recording.loop import RecordingStatus
 
 
 def open_screen(
@@ -26,7 +26,7 @@ def open_screen(
         return _echo_line, 1.0
     from rich.console import Console
 
-    from recorder.live_bars import PERIOD_S, LiveBars
+    from recorder.recording.live_bars import PERIOD_S, LiveBars
 
     screen = stack.enter_context(LiveBars(output.name, Console(stderr=True), keys=keys))
 
@@ -37,6 +37,6 @@ def open_screen(
 
 
 def _echo_line(status: RecordingStatus) -> None:
-    from recorder.status_text import status_line
+    from recorder.recording.status_text import status_line
 
     click.echo(status_line(status), err=True)

@@ -26,7 +26,7 @@ from mcap.records import (
     Statistics,
 )
 
-from recorder.session_format import UNREADABLE, in_a_word
+from recorder.session.format import UNREADABLE, in_a_word
 
 FRAME = struct.Struct("<BQ")
 LONGEST_RECORD = 1 << 30

@@ -24,8 +24,8 @@ from recorder.messages import Message, topic_of
 from recorder.outputs import check_room
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode, type_name
-from recorder.session_format import LIBRARY, METADATA, checked_json
-from recorder.session_index import ChunkIndexes
+from recorder.session.format import LIBRARY, METADATA, checked_json
+from recorder.session.index import ChunkIndexes
 
 _CHUNK_BYTES = 256 * 1024
 _SYNC_PERIOD_S = 0.8  # a second may be lost, no more

@@ -13,17 +13,17 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from recorder.cadence import Cadence
 from recorder.clock import NS_PER_S, Clock
-from recorder.inbox import Inbox
 from recorder.link import ByteSource, LinkEvent, LinkState, Received
 from recorder.messages import Diagnostics, Message, Pose, Range, RawLine, Transform
 from recorder.odometry import WheelGeometry
 from recorder.protocols import Protocol
 from recorder.protocols.reports import Fault, HelloReport, Packet
+from recorder.recording.cadence import Cadence
+from recorder.recording.inbox import Inbox
+from recorder.recording.translation import RecordingCounters, Translator, raw_line
 from recorder.sensors import SensorParameters
 from recorder.tracker import BadTrackerLine, PoseSource, TrackerEvent
-from recorder.translation import RecordingCounters, Translator, raw_line
 
 DIAGNOSTICS_NAME = "recorder"
 
@@ -32,7 +32,7 @@ _STATUS_PERIOD_NS = NS_PER_S
 _log = logging.getLogger(__name__)
 
 
-class Session(typing.Protocol):
+class SessionSink(typing.Protocol):
     """What a recording is written to. An OSError says that no more can be written."""
 
     def write(self, message: Message, *, log_ns: int) -> None:
@@ -60,7 +60,7 @@ class RecordingStatus:
 
 def record(
     source: ByteSource,
-    session: Session,
+    session: SessionSink,
     *,
     protocol: Protocol,
     clock: Clock,
@@ -141,7 +141,7 @@ class _Loop:
 
     def __init__(
         self,
-        session: Session,
+        session: SessionSink,
         protocol: Protocol,
         translator: Translator,
         clock: Clock,

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from recorder.clock import NS_PER_S, Clock
 from recorder.errors import LinkError
 from recorder.messages import Pose
-from recorder.playback import FASTEST, Playback, Timetable
-from recorder.playback_ports import Outlet
+from recorder.playback.outlets import Outlet
+from recorder.playback.transmissions import FASTEST, Playback, Timetable
 from recorder.simulator.tracker_server import TrackerServer
 
 

@@ -27,12 +27,12 @@ from recorder.playback import (
     wheels_of,
 )
 from recorder.protocols import Protocol, make_protocol
-from recorder.recording import RecordingStatus, Session, record
-from recorder.recording_options import RecordingOptions
+from recorder.recording.loop import RecordingStatus, SessionSink, record
+from recorder.recording.options import RecordingOptions
+from recorder.recording.translation import RecordingCounters
 from recorder.sensors import BUILT_IN_SENSORS
 from recorder.session import WALLS, PartedWriter, read_session
 from recorder.tracker import PoseSource, open_tracker
-from recorder.translation import RecordingCounters
 from recorder.versions import own_version
 
 SIMULATED = "sim:"
@@ -48,7 +48,7 @@ def record_line(
     pause: threading.Event | None = None,
     on_status: Callable[[RecordingStatus], None] | None = None,
     status_period_s: float = 1.0,
-    wrap: Callable[[Session], Session] = lambda session: session,
+    wrap: Callable[[SessionSink], SessionSink] = lambda session: session,
 ) -> RecordingCounters:
     """Record a serial line and a tracker until ``stop`` is set, the time is over or a disk fails.
 

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 
 from recorder.errors import BadInput
 from recorder.outputs import check_output, written_beside
-from recorder.session_format import (
+from recorder.session.format import (
     ATTACHED,
     METADATA,
     RECOVERED,
@@ -27,9 +27,9 @@ from recorder.session_format import (
     checked_json,
     read_checked_json,
 )
-from recorder.session_index import ChunkIndexes
-from recorder.session_scan import SessionScan
-from recorder.session_writer import new_writer
+from recorder.session.index import ChunkIndexes
+from recorder.session.scan import SessionScan
+from recorder.session.writer import new_writer
 
 Progress = Callable[[int, int], None]
 _Record = McapMessage | Metadata | Attachment

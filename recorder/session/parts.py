@@ -23,7 +23,7 @@ from typing import Self
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput, OutputExists
 from recorder.messages import Message, Odometry, Pose, Transform
-from recorder.session_writer import SessionWriter
+from recorder.session.writer import SessionWriter
 
 BYTES_PER_MB = 1_000_000
 PART = "part"  # the key of the metadata that says which part a file is

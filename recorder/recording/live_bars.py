@@ -12,8 +12,8 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from recorder.recording import RecordingStatus
-from recorder.status_text import damaged_lines, pose_text, range_text
+from recorder.recording.loop import RecordingStatus
+from recorder.recording.status_text import damaged_lines, pose_text, range_text
 
 PERIOD_S = 0.2
 _BAR_WIDTH = 32

@@ -31,8 +31,8 @@ from mcap.records import (
 from mcap.stream_reader import breakup_chunk
 
 from recorder.errors import BadInput
-from recorder.session_format import LIBRARY, UNREADABLE, Damage, in_a_word
-from recorder.session_frames import (
+from recorder.session.format import LIBRARY, UNREADABLE, Damage, in_a_word
+from recorder.session.frames import (
     FRAME,
     LONGEST_CHUNK_HEAD,
     LONGEST_RECORD,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 from recorder.messages import Pose, Range
-from recorder.recording import RecordingStatus
-from recorder.translation import RecordingCounters
+from recorder.recording.loop import RecordingStatus
+from recorder.recording.translation import RecordingCounters
 
 
 def damaged_lines(counters: RecordingCounters) -> int:

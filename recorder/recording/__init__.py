@@ -1,0 +1,6 @@
+"""Recording: from open links to a session, with keys to control it and a screen to watch it."""
+
+from recorder.recording.loop import RecordingStatus, SessionSink, record
+from recorder.recording.translation import RecordingCounters
+
+__all__ = ["RecordingCounters", "RecordingStatus", "SessionSink", "record"]
