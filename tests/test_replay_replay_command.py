@@ -18,7 +18,8 @@ from recorder.messages import Pose, Range, Transform
 from recorder.playback import mounts_of, playback_of
 from recorder.recording.options import RecordingOptions
 from recorder.recording.run import opened_source
-from recorder.session import WALLS, read_session
+from recorder.session import read_session
+from recorder.truth import WALLS
 
 
 def test_record_takes_a_session_for_a_device(tmp_path: Path) -> None:

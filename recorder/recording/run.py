@@ -31,8 +31,9 @@ from recorder.recording.loop import RecordingStatus, SessionSink, record
 from recorder.recording.options import RecordingOptions
 from recorder.recording.translation import RecordingCounters
 from recorder.sensors import BUILT_IN_SENSORS
-from recorder.session import WALLS, PartedWriter, read_session
+from recorder.session import PartedWriter, read_session
 from recorder.tracker import PoseSource, open_tracker
+from recorder.truth import WALLS, WALLS_TYPE, walls_to_geojson
 from recorder.versions import own_version
 
 SIMULATED = "sim:"
@@ -72,7 +73,7 @@ def record_line(
             force=options.force,
         ) as session:  # fmt: skip
             if options.walls is not None:
-                session.attach(WALLS, "application/geo+json", options.walls)
+                session.attach(WALLS, WALLS_TYPE, options.walls)
             return record(
                 link, wrap(session), protocol=protocol, clock=clock, stop=stop, tracker=tracker,
                 duration_s=options.duration_s, mounts=options.mounts, wheels=options.wheels,
@@ -109,7 +110,6 @@ def opened_source(
         return
     from recorder.simulator.firmwares import CSV_COLUMNS
     from recorder.simulator.robot import WHEELS
-    from recorder.simulator.room_files import room_to_geojson
     from recorder.simulator.rooms import load_room
     from recorder.simulator.serial_robot import SerialRobot
 
@@ -121,7 +121,7 @@ def opened_source(
             robot.device,
             replace(
                 options, columns=columns, tracker=robot.tracker_url, px_per_m=None, wheels=WHEELS,
-                mounts=robot.mount_transforms(), walls=room_to_geojson(room),
+                mounts=robot.mount_transforms(), walls=walls_to_geojson(room.walls_m, room.name),
                 source_name=source,
             ),
         )  # fmt: skip

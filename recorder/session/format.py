@@ -18,7 +18,6 @@ LIBRARY = "echogrid"
 METADATA = "echogrid"
 RECOVERED = "echogrid.recovered"
 ATTACHED = "echogrid.attachment"  # earlier sessions hold a checksum of each attachment so
-WALLS = "truth.geojson"
 # Whatever the libraries raise on damaged bytes; no common base covers them.
 UNREADABLE = (
     McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, RuntimeError,

@@ -80,7 +80,7 @@ class _Tee:
 def _work(options: RecordingOptions, config: MappingConfig, viewer_url: str, name: str) -> Work:
     walls_m = None
     if options.walls is not None:
-        from recorder.simulator.room_files import walls_from_geojson
+        from recorder.truth import walls_from_geojson
 
         walls_m = walls_from_geojson(options.walls)
     return functools.partial(show_live, url=viewer_url, config=config, walls_m=walls_m, name=name)
