@@ -56,7 +56,7 @@ def test_the_command_plays_to_a_socket(
     player.start()
     player.join(60)
     playback = playback_of(records)
-    lines = [said.what for said in playback.said if isinstance(said.what, bytes)]
+    lines = [s.payload for s in playback.transmissions if isinstance(s.payload, bytes)]
     collector.wait_for_data(lines[-1])
     collector.finish()
     assert codes == [0]

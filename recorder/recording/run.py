@@ -18,12 +18,10 @@ from recorder.clock import HostClock
 from recorder.errors import BadInput
 from recorder.link import Link
 from recorder.messages import RawLine
-from recorder.odometry import WheelGeometry
 from recorder.playback import (
     ReplayedLink,
     mounts_of,
     playback_of,
-    replayed,
     wheels_of,
 )
 from recorder.protocols import Protocol, make_protocol
@@ -61,7 +59,8 @@ def record_line(
     tracker: PoseSource | None = None
     if source.startswith(REPLAYED):
         playback = playback_of(read_session(_replayed_file(source)).records)
-        link, tracker = replayed(playback, clock=clock)
+        link = ReplayedLink(playback, clock=clock)
+        tracker = link.tracker
     else:
         link = Link(source, baud=options.baud or protocol.default_baud, clock=clock)
     link.open()
@@ -137,14 +136,14 @@ def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
     """What the replayed session says of its robot."""
     _check_untold(source, options)
     session = read_session(_replayed_file(source))
-    wheels, columns = wheels_of(session.metadata), session.metadata.get("columns")
+    columns = session.metadata.get("columns")
     raw = any(isinstance(record.message, RawLine) for record in session.records)
     return replace(
         options,
         protocol=str(session.metadata.get("protocol", options.protocol)) if raw else "echogrid",
         columns=str(columns) if raw and columns else options.columns,
-        wheels=None if wheels is None else WheelGeometry(**wheels),
-        mounts=mounts_of(session.records), walls=session.attachments.get(WALLS),
+        wheels=wheels_of(session.metadata), mounts=mounts_of(session.records),
+        walls=session.attachments.get(WALLS),
         source_damage=tuple(f"{_replayed_file(source)}: {reason}" for reason in session.damage),
     )  # fmt: skip
 
