@@ -145,7 +145,7 @@ def tell_counters(
     counters: RecordingCounters, output: Path, *, quiet: bool, source_damage: Sequence[str] = ()
 ) -> int:
     """Say what came of a recording, and what its source had lost before; the exit code."""
-    from recorder.recording.status_text import lost_anything, nothing_understood
+    from recorder.recording.status import lost_anything, nothing_understood
 
     if not quiet:
         paused = f", {counters.paused_messages} left out in pauses" if counters.pauses else ""

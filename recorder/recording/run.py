@@ -25,8 +25,9 @@ from recorder.playback import (
     wheels_of,
 )
 from recorder.protocols import Protocol, make_protocol
-from recorder.recording.loop import RecordingStatus, SessionSink, record
+from recorder.recording.loop import SessionSink, record
 from recorder.recording.options import RecordingOptions
+from recorder.recording.status import RecordingStatus
 from recorder.recording.translation import RecordingCounters
 from recorder.sensors import BUILT_IN_SENSORS
 from recorder.session import PartedWriter, read_session
