@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from recorder.cli import options
-from recorder.cli.recording import line_options, prepared, tell_counters
+from recorder.cli.recording import line_options, prepared, report_counters
 
 
 @click.command(
@@ -34,4 +34,4 @@ def record(source: str, output: Path, force: bool, quiet: bool, **choices: Any) 
             pause=ready.controls.pause, on_status=ready.on_status,
             status_period_s=ready.status_period_s,
         )  # fmt: skip
-    return tell_counters(counters, output, quiet=quiet, source_damage=ready.options.source_damage)
+    return report_counters(counters, output, quiet=quiet, source_damage=ready.options.source_damage)

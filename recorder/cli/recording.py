@@ -26,7 +26,7 @@ _OPTIONS = (
         "--protocol",
         default="echogrid",
         show_default=True,
-        help="What the robot speaks: echogrid, rbc, csv, or your own PROTOCOL.py.",
+        help="The protocol of the robot: echogrid, rbc, csv, or your own PROTOCOL.py.",
     ),
     click.option("--columns", help="For csv, what the columns are, as in t_ms,ping:cm,dirrs:mm,-"),
     click.option(
@@ -36,7 +36,7 @@ _OPTIONS = (
     click.option(
         "--tracker-px-per-m",
         type=options.Number(min=0, min_open=True),
-        help="Pixels a metre, of a tracker that speaks pixels; default: it speaks metres.",
+        help="Pixels a metre, of a tracker that sends pixels; default: it sends metres.",
     ),
     click.option(
         "--wheels",
@@ -93,7 +93,7 @@ _OPTIONS = (
 
 
 def line_options(command: Callable[..., int]) -> Callable[..., int]:
-    """The options that say how a line is recorded; they reach the command as keywords."""
+    """The options of how a line is recorded; they reach the command as keywords."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
@@ -141,10 +141,10 @@ def prepared(
         yield Prepared(source, options, controls, on_status, period_s)
 
 
-def tell_counters(
+def report_counters(
     counters: RecordingCounters, output: Path, *, quiet: bool, source_damage: Sequence[str] = ()
 ) -> int:
-    """Say what came of a recording, and what its source had lost before; the exit code."""
+    """Print what came of a recording, and what its source had lost before; the exit code."""
     from recorder.recording.status import lost_anything, nothing_understood
 
     if not quiet:

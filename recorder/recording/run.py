@@ -1,7 +1,7 @@
 """One recording from a source to a session file: the links, the protocol and the writer together.
 
 A source is a device, an address, ``sim:ROOM``, a simulated robot behind a real serial line, or
-``replay:S.mcap``, a session said again in time.
+``replay:S.mcap``, a session played back in time.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def record_line(
         if options.tracker is not None:
             tracker = open_tracker(options.tracker, clock=clock, px_per_m=options.px_per_m)
         with PartedWriter(
-            output, options.limits, metadata=_described(source, options, protocol),
+            output, options.limits, metadata=_metadata(source, options, protocol),
             force=options.force,
         ) as session:  # fmt: skip
             if options.walls is not None:
@@ -113,7 +113,7 @@ def opened_source(
     from recorder.simulator.rooms import load_room
     from recorder.simulator.serial_robot import SerialRobot
 
-    _check_untold(source, options)
+    _check_not_given(source, options)
     room = load_room(source.removeprefix(SIMULATED))
     columns = options.columns or (CSV_COLUMNS if options.protocol == "csv" else None)
     with SerialRobot(room, seed=seed, speed=speed, protocol=options.protocol) as robot:
@@ -127,15 +127,15 @@ def opened_source(
         )  # fmt: skip
 
 
-def _check_untold(source: str, options: RecordingOptions) -> None:
-    """Nothing is told of a robot that tells it itself."""
+def _check_not_given(source: str, options: RecordingOptions) -> None:
+    """Raises BadInput where the user describes a robot that brings its own description."""
     if options.tracker is not None or options.wheels is not None or options.mounts:
         raise BadInput(f"{source} brings its own tracker, wheels and mounts")
 
 
 def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
-    """What the replayed session says of its robot."""
-    _check_untold(source, options)
+    """The options under which the replayed session was recorded."""
+    _check_not_given(source, options)
     session = read_session(_replayed_file(source))
     columns = session.metadata.get("columns")
     raw = any(isinstance(record.message, RawLine) for record in session.records)
@@ -149,8 +149,8 @@ def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
     )  # fmt: skip
 
 
-def _described(source: str, options: RecordingOptions, protocol: Protocol) -> dict[str, object]:
-    """What the session says of how it was made."""
+def _metadata(source: str, options: RecordingOptions, protocol: Protocol) -> dict[str, object]:
+    """The metadata of the session: how it was made."""
     described: dict[str, object] = {
         "protocol": protocol.name,
         "source": options.source_name or source,

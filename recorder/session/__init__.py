@@ -24,7 +24,7 @@ __all__ = [
 
 
 def read_session(path: Path, *more: Path) -> Session:
-    """Read a session as far as it goes; ``damage`` says what was lost.
+    """Read a session as far as it goes; ``damage`` lists what was lost.
 
     With ``more`` files, parts of the recording or other recordings, all are one session: see
     :func:`~recorder.session.join.join_sessions`. Raises BadInput, in one line, where a file is no

@@ -1,4 +1,4 @@
-"""What writing, reading and recovering a session share: names, checksums, and words for damage."""
+"""What writing, reading and recovering a session share: names, checksums, and a list of damage."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Damage:
         return bool(self.reasons)
 
     @property
-    def said(self) -> tuple[str, ...]:
+    def lines(self) -> tuple[str, ...]:
         """One line a reason, in the order in which they came up."""
         return tuple(
             reason if count == 1 else f"{reason} ({count} times)"
@@ -69,7 +69,7 @@ def checksum(data: bytes) -> str:
     return f"{zlib.crc32(data):08X}"
 
 
-def in_a_word(error: BaseException) -> str:
+def short_reason(error: BaseException) -> str:
     """An error of a library as a short piece of one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}"[:120] if text else type(error).__name__

@@ -1,6 +1,6 @@
 """A session read in one pass, record by record, in the memory of one chunk.
 
-Every checksum is checked. What cannot be read is counted and said; what is yielded is right.
+Every checksum is checked. What cannot be read is counted and reported; what is yielded is right.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ class SessionReader:
     @property
     def damage(self) -> tuple[str, ...]:
         """What was lost, one line a reason."""
-        return self._damage.said
+        return self._damage.lines
 
     @property
     def messages(self) -> int:

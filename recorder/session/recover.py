@@ -63,7 +63,7 @@ def recover(
             records = _counted(scan, bad, size, progress)
             first = next(records, None)  # what is no session makes no file
             if first is None:
-                reason = damage.said[0] if damage else "it is empty"
+                reason = damage.lines[0] if damage else "it is empty"
                 raise BadInput(f"{bad}: nothing in it can be read ({reason})")
             if not good.parent.is_dir():
                 raise BadInput(f"{good}: there is no folder {good.parent}")
@@ -78,7 +78,7 @@ def recover(
                 os.fsync(file.fileno())
     except OSError as error:
         raise BadInput(f"{error.filename or good}: {error.strerror or error}") from None
-    return Recovery(copy.messages, copy.attachments, damage.said)
+    return Recovery(copy.messages, copy.attachments, damage.lines)
 
 
 def _counted(
@@ -112,8 +112,8 @@ class _Copy:
         for record in records:
             self._take(record, damage)
         if damage:
-            said = {"from": origin, "lost": list(damage.said)}
-            self._writer.add_metadata(RECOVERED, checked_json(said))
+            lost = {"from": origin, "lost": list(damage.lines)}
+            self._writer.add_metadata(RECOVERED, checked_json(lost))
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _take(self, record: _Record, damage: Damage) -> None:
