@@ -33,7 +33,7 @@ from recorder.messages import Range  # noqa: E402
 from recorder.protocols.echogrid import encode  # noqa: E402
 from recorder.protocols.reports import PoseReport, RangeReport  # noqa: E402
 from recorder.session import read_session  # noqa: E402
-from recorder.session_recover import recover  # noqa: E402
+from recorder.session.recover import recover  # noqa: E402
 
 LINES_PER_S = 200
 MOUNT = "ping=0.044,0,0"

@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 
 from recorder.messages import Radiation
-from recorder.session_stats import Readings, SessionStats, Times, Track
+from recorder.session.stats import Readings, SessionStats, Times, Track
 
 INFRARED_LIMIT_M = 0.8  # the infrared rangers of such robots never measure farther
 _ENOUGH = 20  # readings, before anything is said of a channel

@@ -1,4 +1,4 @@
-"""What a robot says, as frozen values: SI units, radians, nanoseconds, with the units in the names.
+"""What a robot measures, as frozen values in SI units, radians and nanoseconds, as the names show.
 
 Every message carries ``t_ns``, the estimated time of measurement in UNIX nanoseconds. When it
 reached the host is kept beside it, in :class:`Record`.

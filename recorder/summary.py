@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 
 from recorder.anomalies import anomalies
 from recorder.session import SessionReader
-from recorder.session_parts import PART, parts_beside
-from recorder.session_stats import Readings, SessionStats, Times, Track
+from recorder.session.parts import PART, parts_beside
+from recorder.session.stats import Readings, SessionStats, Times, Track
 
 _LONGEST_VALUE = 100
 _PROGRESS_EVERY = 2000
@@ -113,18 +113,18 @@ def _metadata(metadata: Mapping[str, object]) -> Iterator[str]:
             lost = value.get("lost", [])
             yield from (f"    {line}" for line in (lost if isinstance(lost, list) else [lost]))
         elif isinstance(value, Mapping) and any(isinstance(v, Mapping) for v in value.values()):
-            yield from (f"  {key}.{name} = {_said(inner)}" for name, inner in value.items())
+            yield from (f"  {key}.{name} = {_value_text(inner)}" for name, inner in value.items())
         elif key != PART:
-            yield f"  {key} = {_said(value)}"
+            yield f"  {key} = {_value_text(value)}"
 
 
-def _said(value: object) -> str:
+def _value_text(value: object) -> str:
     """A value of the metadata for people: ``echogrid 0.1.0, python 3.11``; nothing is ``none``."""
     match value:
         case Mapping():
-            text = ", ".join(f"{name} {_said(inner)}" for name, inner in value.items())
+            text = ", ".join(f"{name} {_value_text(inner)}" for name, inner in value.items())
         case list() | tuple():
-            text = ", ".join(_said(inner) for inner in value)
+            text = ", ".join(_value_text(inner) for inner in value)
         case bool():
             text = "yes" if value else "no"
         case None:

@@ -81,8 +81,8 @@ def open_tracker(
 ) -> Tracker:
     """A tracker at ``tcp://HOST:PORT`` (we connect) or ``udp://HOST:PORT`` (we listen).
 
-    ``px_per_m`` says that it speaks in pixels. It is connected at once, LinkError if that fails,
-    unless ``wait`` is set; BadInput on an address or a scale that cannot be.
+    ``px_per_m``: it sends pixels, so many a metre. It is connected at once, LinkError if that
+    fails, unless ``wait`` is set; BadInput on an address or a scale that cannot be.
     """
     if not url.startswith(("tcp://", "udp://")):
         raise BadInput(f"{url}: a tracker is tcp://HOST:PORT or udp://HOST:PORT")

@@ -14,6 +14,7 @@ from mapping.pipeline import build_maps
 from recorder.errors import BadInput
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
+from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, in_step, readings_of
@@ -23,7 +24,6 @@ from replay.mapping_run import (
     RunResult,
     reading_count,
     result_of,
-    true_walls,
 )
 
 if TYPE_CHECKING:
@@ -107,7 +107,9 @@ def _begun(session: Session, variant: Variant) -> Iterator[Artifact]:
 def _named(variant: Variant, session: Session) -> Iterator[Artifact]:
     """A run whose troubles bear its name."""
     try:
-        yield from build_maps(session.messages(), variant.config, walls_m=true_walls(session))
+        yield from build_maps(
+            session.messages(), variant.config, walls_m=true_walls(session.attachments)
+        )
     except BadInput as error:
         raise BadInput(f"{variant.name}: {error}") from None
 

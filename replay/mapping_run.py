@@ -9,9 +9,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.beams import Beam
 from mapping.config import MappingConfig
@@ -20,7 +17,8 @@ from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.messages import Range, Scan
 from recorder.outputs import check_output
-from recorder.session import WALLS, Session, read_session
+from recorder.session import Session, read_session
+from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.exports import exporter_for
 
@@ -66,7 +64,7 @@ def map_session(
     if rrd is not None:
         check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
-    artifacts = build_maps(session.messages(), config, walls_m=true_walls(session))
+    artifacts = build_maps(session.messages(), config, walls_m=true_walls(session.attachments))
     first = next(artifacts)  # a session that cannot be mapped leaves no file behind
     watched = tuple(CellProbe(at_m) for at_m in probes)
     for probe in watched:
@@ -132,12 +130,3 @@ def result_of(
 def reading_count(session: Session) -> int:
     """How many readings there are to map: what a progress bar counts to."""
     return sum(isinstance(record.message, Range | Scan) for record in session.records)
-
-
-def true_walls(session: Session) -> NDArray[np.float64] | None:
-    """The true walls of a simulated room, where the session carries them."""
-    if WALLS not in session.attachments:
-        return None
-    from recorder.simulator.room_files import walls_from_geojson
-
-    return walls_from_geojson(session.attachments[WALLS])

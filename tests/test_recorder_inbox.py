@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from recorder import inbox
-from recorder.inbox import Inbox
+from recorder.recording.inbox import Inbox
 
 
 def numbers(count: int) -> Callable[[threading.Event], Iterator[int]]:

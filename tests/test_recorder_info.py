@@ -33,8 +33,8 @@ from recorder.messages import (
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode
 from recorder.session import SessionReader, SessionWriter, read_session
-from recorder.session_recover import recover
-from recorder.session_stats import Readings, Times
+from recorder.session.recover import recover
+from recorder.session.stats import Readings, Times
 from recorder.summary import summary_lines
 
 T_NS = 1_700_000_000_000_000_000
@@ -425,7 +425,7 @@ MEMORY = textwrap.dedent("""
     import resource, sys
     from pathlib import Path
     from recorder.session import SessionReader
-    from recorder.session_recover import recover
+    from recorder.session.recover import recover
     from recorder.summary import summary_lines
     lines = list(summary_lines(SessionReader(Path(sys.argv[1]))))
     recover(Path(sys.argv[1]), Path(sys.argv[2]))

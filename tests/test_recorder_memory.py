@@ -14,8 +14,8 @@ from mcap.writer import Writer
 from benchmarks.recorder_memory import LongRun, indexed_chunks, record_long
 from recorder import session_index
 from recorder.session import SessionWriter, read_session
-from recorder.session_index import LIST_OF_THE_LIBRARY, ChunkIndexes
-from recorder.session_writer import new_writer
+from recorder.session.index import LIST_OF_THE_LIBRARY, ChunkIndexes
+from recorder.session.writer import new_writer
 
 CHUNKS_OF_TEN_HOURS = 45_000
 TOPICS = ("/serial/raw", "/range/ping", "/range/dirrs")

@@ -14,7 +14,7 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Record, Transform
 from recorder.session import Session, SessionReader, SessionWriter, read_session
-from recorder.session_recover import recover
+from recorder.session.recover import recover
 
 T_NS = 1_700_000_000_123_456_789
 CALIBRATION = {"mount_m": [0.044, 0.0], "name": "Ω"}

@@ -165,10 +165,11 @@ def simulated(path: Path, room: str, seed: int, *more: str) -> Path:
 
 def wider_room(path: Path) -> str:
     """The room with its right wall 15 cm further to the right."""
-    from recorder.simulator.room_files import room_to_geojson
     from recorder.simulator.rooms import load_room
+    from recorder.truth import walls_to_geojson
 
-    data = json.loads(room_to_geojson(load_room("room")))
+    room = load_room("room")
+    data = json.loads(walls_to_geojson(room.walls_m, room.name))
     text = json.dumps(data).replace("[2.2,", "[2.35,")
     path.write_text(text)
     return str(path)

@@ -17,8 +17,8 @@ from mapping.config import load_config
 from recorder.errors import BadInput
 from recorder.messages import Range
 from recorder.recording import RecordingStatus
-from recorder.recording_options import RecordingOptions
-from recorder.recording_run import opened_source
+from recorder.recording.options import RecordingOptions
+from recorder.recording.run import opened_source
 from recorder.session import read_session
 from replay.live.run import LiveResult, record_and_show
 from replay.rrd.program import LOCAL, free_ports

@@ -16,9 +16,10 @@ from recorder.errors import BadInput
 from recorder.link import Link
 from recorder.messages import Pose, Range, Transform
 from recorder.playback import mounts_of, playback_of
-from recorder.recording_options import RecordingOptions
-from recorder.recording_run import opened_source
-from recorder.session import WALLS, read_session
+from recorder.recording.options import RecordingOptions
+from recorder.recording.run import opened_source
+from recorder.session import read_session
+from recorder.truth import WALLS
 
 
 def test_record_takes_a_session_for_a_device(tmp_path: Path) -> None:
@@ -55,7 +56,7 @@ def test_the_command_plays_to_a_socket(
     player.start()
     player.join(60)
     playback = playback_of(records)
-    lines = [said.what for said in playback.said if isinstance(said.what, bytes)]
+    lines = [s.payload for s in playback.transmissions if isinstance(s.payload, bytes)]
     collector.wait_for_data(lines[-1])
     collector.finish()
     assert codes == [0]

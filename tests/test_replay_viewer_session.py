@@ -25,7 +25,7 @@ from mapping.grid import GridGeometry
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.session import read_session
-from replay.mapping_run import true_walls
+from recorder.truth import true_walls
 from replay.rrd import layout
 from replay.rrd.blueprints import CHANGES, DISPLAYS
 from replay.rrd.headless import HeadlessViewer
@@ -48,7 +48,7 @@ def config() -> MappingConfig:
 @pytest.fixture(scope="module")
 def artifacts(config: MappingConfig) -> list[Artifact]:
     session = read_session(ROOT / "logs" / "room.mcap")
-    return list(build_maps(session.messages(), config, walls_m=true_walls(session)))
+    return list(build_maps(session.messages(), config, walls_m=true_walls(session.attachments)))
 
 
 @pytest.fixture(scope="module")

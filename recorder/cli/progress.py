@@ -8,7 +8,7 @@ from typing import Protocol
 
 
 class Advance(Protocol):
-    """Told now and then how much is done, and of how much, once that is known."""
+    """Called now and then with how much is done, and of how much, once that is known."""
 
     def __call__(self, done: float, total: float | None = None) -> None: ...
 

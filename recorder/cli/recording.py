@@ -14,10 +14,10 @@ import click
 from recorder.cli import options
 
 if TYPE_CHECKING:
-    from recorder.controls import Controls
     from recorder.recording import RecordingStatus
-    from recorder.recording_options import RecordingOptions
-    from recorder.translation import RecordingCounters
+    from recorder.recording.controls import Controls
+    from recorder.recording.options import RecordingOptions
+    from recorder.recording.translation import RecordingCounters
 
 _LONGEST_S = 1e9  # 30 years
 
@@ -26,7 +26,7 @@ _OPTIONS = (
         "--protocol",
         default="echogrid",
         show_default=True,
-        help="What the robot speaks: echogrid, rbc, csv, or your own PROTOCOL.py.",
+        help="The protocol of the robot: echogrid, rbc, csv, or your own PROTOCOL.py.",
     ),
     click.option("--columns", help="For csv, what the columns are, as in t_ms,ping:cm,dirrs:mm,-"),
     click.option(
@@ -36,7 +36,7 @@ _OPTIONS = (
     click.option(
         "--tracker-px-per-m",
         type=options.Number(min=0, min_open=True),
-        help="Pixels a metre, of a tracker that speaks pixels; default: it speaks metres.",
+        help="Pixels a metre, of a tracker that sends pixels; default: it sends metres.",
     ),
     click.option(
         "--wheels",
@@ -93,7 +93,7 @@ _OPTIONS = (
 
 
 def line_options(command: Callable[..., int]) -> Callable[..., int]:
-    """The options that say how a line is recorded; they reach the command as keywords."""
+    """The options of how a line is recorded; they reach the command as keywords."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
@@ -118,9 +118,9 @@ def prepared(
 
     Raises OutputExists, and BadInput for options that make no sense.
     """
-    from recorder.controls import Controls, keys, signals
     from recorder.outputs import check_output
-    from recorder.recording_run import opened_source, recorded_input
+    from recorder.recording.controls import Controls, keys, signals
+    from recorder.recording.run import opened_source, recorded_input
 
     check_output(output, recorded_input(source), force=force)
     options = _options_of(choices, force=force)
@@ -135,17 +135,17 @@ def prepared(
             typed = stack.enter_context(keys(controls, sys.stdin.fileno()))
         on_status, period_s = None, 1.0
         if not quiet:
-            from recorder.screen import open_screen
+            from recorder.recording.screen import open_screen
 
             on_status, period_s = open_screen(stack, output, keys=typed)
         yield Prepared(source, options, controls, on_status, period_s)
 
 
-def tell_counters(
+def report_counters(
     counters: RecordingCounters, output: Path, *, quiet: bool, source_damage: Sequence[str] = ()
 ) -> int:
-    """Say what came of a recording, and what its source had lost before; the exit code."""
-    from recorder.status_text import lost_anything, nothing_understood
+    """Print what came of a recording, and what its source had lost before; the exit code."""
+    from recorder.recording.status import lost_anything, nothing_understood
 
     if not quiet:
         paused = f", {counters.paused_messages} left out in pauses" if counters.pauses else ""
@@ -160,7 +160,7 @@ def tell_counters(
 
 
 def _options_of(choices: dict[str, Any], *, force: bool) -> RecordingOptions:
-    from recorder.recording_options import (
+    from recorder.recording.options import (
         RecordingOptions,
         parse_mount,
         parse_sensor,

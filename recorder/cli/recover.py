@@ -20,9 +20,9 @@ def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
 
     BAD is damaged or unfinished; what is sound in it is written to a new session.
 
-    Exit code 0: nothing was lost; 1: something was, and is said; 2: nothing can be used.
+    Exit code 0: nothing was lost; 1: something was, and is listed; 2: nothing can be used.
     """
-    from recorder.session_recover import recover as run
+    from recorder.session.recover import recover as run
     from recorder.summary import counted
 
     with progress_bar(f"recovering {bad.name}", quiet=quiet) as advance:
@@ -30,9 +30,9 @@ def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
     for reason in recovery.lost:
         click.echo(f"echogrid: lost: {reason}", err=True)
     if not quiet:
-        said = "some was lost" if recovery.lost else "nothing was lost"
+        loss = "some was lost" if recovery.lost else "nothing was lost"
         files = ""
         if recovery.attachments:
             files = f", {counted(recovery.attachments, 'attachment')}"
-        click.echo(f"{output}: {counted(recovery.messages, 'message')}{files}; {said}")
+        click.echo(f"{output}: {counted(recovery.messages, 'message')}{files}; {loss}")
     return 1 if recovery.lost else 0

@@ -1,7 +1,7 @@
 """The ``csv`` protocol: rows of numbers, what ``Serial.println`` gives; the columns are named here.
 
-Nothing in a row says whether it arrived as it was sent, so a damaged digit passes as another
-number. What can be told is told: rows with too few or too many numbers, and what is no number.
+Nothing in a row shows whether it arrived as it was sent, so a damaged digit passes as another
+number. What can be noticed is reported: too few or too many numbers, and what is no number.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ class CsvProtocol(LineProtocol):
         """One row; ValueError when it does not fit the columns."""
         text = raw.decode("ascii").strip()
         fields = _SEPARATOR.split(text)
-        if all(_is_word(field) for field in fields):
+        if all(_is_heading(field) for field in fields):
             return Packet(raw, fault=Fault.HEADER)
         values: dict[str, float | None] = {
             column.name: _number(field, column)
@@ -128,7 +128,7 @@ class CsvProtocol(LineProtocol):
         return Packet(raw, reports[0], seq, device_ms, more=tuple(reports[1:]), invalid=invalid)
 
     def _reports(self, values: Mapping[str, float]) -> list[Report]:
-        """What the numbers of a row say: a head's angle before the ranges that it turned."""
+        """The reports in the numbers of a row: a head's angle before the ranges that it turned."""
         heads: list[Report] = []
         ranges: list[Report] = []
         for column in self._columns:
@@ -146,13 +146,13 @@ class CsvProtocol(LineProtocol):
         return heads + ranges
 
 
-def _is_word(field: str) -> bool:
+def _is_heading(field: str) -> bool:
     """Whether a field stands in a header: neither a number nor a missing one."""
     return field not in _NO_NUMBER and field[:1].isalpha() and field.lower() not in ("inf", "ovf")
 
 
 def _number(field: str, column: Column) -> float | None:
-    """A field in SI units (times in milliseconds); None when it says that there is none."""
+    """A field in SI units (times in milliseconds); None when it holds none."""
     if field in _NO_NUMBER:
         return None
     if field.lower() == "inf" and column.unit in LENGTHS_M:

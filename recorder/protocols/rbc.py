@@ -18,7 +18,7 @@ START = 0x02
 HELLO, ANSWER, GO = b"\x0a", b"\x08", b"\x0b"
 SENSOR_PACKET = b"\x02\x05\x01\x04"
 SONAR, INFRARED = "ping", "dirrs"
-INVALID_CM = 111  # the robot's own word for "no valid reading"
+INVALID_CM = 111  # the robot's own value for "no valid reading"
 INFRARED_LIMITS_CM = (10, 80)  # outside them the infrared ranger sees ghosts
 
 _TEXT_COMMANDS = (1, 2, 3, 4)

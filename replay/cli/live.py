@@ -13,7 +13,7 @@ import click
 
 from mapping.cli import config_options
 from recorder.cli import options
-from recorder.cli.recording import line_options, prepared, tell_counters
+from recorder.cli.recording import line_options, prepared, report_counters
 from replay.cli.map_report import map_and_report
 
 
@@ -62,7 +62,7 @@ def live(
                 stop=ready.controls.stop, pause=ready.controls.pause,
                 on_status=ready.on_status, status_period_s=ready.status_period_s,
             )  # fmt: skip
-        status = tell_counters(
+        status = report_counters(
             result.counters, session, quiet=quiet, source_damage=ready.options.source_damage
         )
         if result.end.failure:

@@ -13,7 +13,7 @@ from recorder.cli.progress import progress_bar
 
 if TYPE_CHECKING:
     from recorder.playback import Playback
-    from recorder.playback_run import PlayedCounts
+    from recorder.playback.run import PlayedCounts
 
 
 @click.command(
@@ -87,11 +87,11 @@ def _play(
 ) -> PlayedCounts:  # fmt: skip
     """Open both ends, say where they are, play with a bar."""
     from recorder.clock import HostClock
-    from recorder.controls import Controls, signals
     from recorder.errors import LinkError
     from recorder.link import DEFAULT_BAUD
-    from recorder.playback_ports import open_outlet
-    from recorder.playback_run import play
+    from recorder.playback.outlets import open_outlet
+    from recorder.playback.run import play
+    from recorder.recording.controls import Controls, signals
     from recorder.simulator.tracker_server import TrackerServer
 
     clock, controls = HostClock(), Controls()

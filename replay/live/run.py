@@ -13,10 +13,10 @@ from pathlib import Path
 
 from mapping.config import MappingConfig
 from recorder.messages import Message
-from recorder.recording import RecordingStatus, Session
-from recorder.recording_options import RecordingOptions
-from recorder.recording_run import record_line
-from recorder.translation import RecordingCounters
+from recorder.recording import RecordingStatus, SessionSink
+from recorder.recording.options import RecordingOptions
+from recorder.recording.run import record_line
+from recorder.recording.translation import RecordingCounters
 from replay.live.feed import CAPACITY, LiveEnd, LiveFeed, Work
 from replay.live.show import show_live
 
@@ -46,7 +46,7 @@ def record_and_show(
     capacity: int = CAPACITY,
     on_follower: Callable[[int | None], None] | None = None,
 ) -> LiveResult:
-    """Record a line as :func:`recorder.recording_run.record_line` does, and show its map meanwhile.
+    """Record a line as :func:`recorder.recording.run.record_line` does, and show its map meanwhile.
 
     The map goes to the viewer at ``viewer_url``; ``on_follower`` is told the number of the process
     that makes it. Raises what ``record_line`` raises.
@@ -64,7 +64,7 @@ def record_and_show(
 class _Tee:
     """A session whose messages are offered to a follower once they are written."""
 
-    def __init__(self, session: Session, feed: LiveFeed) -> None:
+    def __init__(self, session: SessionSink, feed: LiveFeed) -> None:
         self._session, self._feed = session, feed
 
     def write(self, message: Message, *, log_ns: int) -> None:
@@ -80,7 +80,7 @@ class _Tee:
 def _work(options: RecordingOptions, config: MappingConfig, viewer_url: str, name: str) -> Work:
     walls_m = None
     if options.walls is not None:
-        from recorder.simulator.room_files import walls_from_geojson
+        from recorder.truth import walls_from_geojson
 
         walls_m = walls_from_geojson(options.walls)
     return functools.partial(show_live, url=viewer_url, config=config, walls_m=walls_m, name=name)

@@ -24,8 +24,8 @@ from recorder.messages import Message, topic_of
 from recorder.outputs import check_room
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode, type_name
-from recorder.session_format import LIBRARY, METADATA, checked_json
-from recorder.session_index import ChunkIndexes
+from recorder.session.format import LIBRARY, METADATA, checked_json
+from recorder.session.index import ChunkIndexes
 
 _CHUNK_BYTES = 256 * 1024
 _SYNC_PERIOD_S = 0.8  # a second may be lost, no more
@@ -70,7 +70,7 @@ class SessionWriter:
             self._writer = new_writer(self._file, self._indexes, compress=compress)
             self._writer.start(profile="ros2", library=LIBRARY)
             self._writer.add_metadata(METADATA, described)
-            self._file.flush()  # killed from here on, it says what it is
+            self._file.flush()  # killed from here on, its metadata can be read
             _sync_folder(path.parent)
         except OSError as error:
             raise BadInput(f"{path}: {error.strerror or error}") from None
@@ -117,7 +117,7 @@ class SessionWriter:
                 self._measure()
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
-        """Keep a file in the session: the true walls of a simulated room, say."""
+        """Keep a file in the session: such as the true walls of a simulated room."""
         with self._lock, self._noting_failure():
             self._writer.add_attachment(0, 0, name, media_type, data)
             self._measure()
@@ -149,7 +149,7 @@ class SessionWriter:
     def close(self) -> None:
         """Finish the file and give it its name.
 
-        Raises OSError where the disk is full; nothing where a write has said so before.
+        Raises OSError where the disk is full; nothing where a write has raised it before.
         """
         if self._closed:
             return

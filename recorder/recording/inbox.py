@@ -16,7 +16,7 @@ T = TypeVar("T")
 _QUEUE_LENGTH = 4096
 _POLL_S = 0.1  # how soon a stop is noticed when all is quiet
 _DRAIN_S = 5.0  # how long the sources may be silent before they end
-_LONGEST_DRAIN_S = 120.0  # how long they may go on when they were told to end
+_LONGEST_DRAIN_S = 120.0  # how long they may go on after they were asked to end
 # How long a thread that waits for Python's lock waits at most. A serial line's buffer holds some
 # milliseconds of a fast line, and reading it takes the lock several times.
 _SWITCH_S = 0.0005
@@ -87,7 +87,7 @@ class Inbox(Generic[T]):
         self._left.set()
 
     def halt(self) -> None:
-        """Tell the sources to end; what they still bring comes out of ``events``."""
+        """Ask the sources to end; what they still bring comes out of ``events``."""
         self._halt.set()
 
     def events(self, stop: threading.Event) -> Iterator[tuple[str, T | Exception | None]]:
@@ -97,21 +97,21 @@ class Inbox(Generic[T]):
         then is still brought, however long the taker takes; a source that neither ends nor brings
         anything for 5 s is left alone.
         """
-        halted_s = heard_s = 0.0
+        halted_s = received_s = 0.0
         while self._alive:
             if stop.is_set() or self._leader not in self._alive:
                 self._halt.set()
             if self._halt.is_set() and not halted_s:
-                halted_s = heard_s = time.monotonic()
+                halted_s = received_s = time.monotonic()
             try:
                 name, event = self._queue.get(timeout=_POLL_S)
             except queue.Empty:
-                if halted_s and time.monotonic() > heard_s + _DRAIN_S:
+                if halted_s and time.monotonic() > received_s + _DRAIN_S:
                     return self._leave_alone()
                 yield "", None
                 continue
-            heard_s = time.monotonic()
-            if halted_s and heard_s > halted_s + _LONGEST_DRAIN_S:
+            received_s = time.monotonic()
+            if halted_s and received_s > halted_s + _LONGEST_DRAIN_S:
                 return self._leave_alone()
             if event is None:
                 self._alive.discard(name)

@@ -26,7 +26,7 @@ from mcap.records import (
     Statistics,
 )
 
-from recorder.session_format import UNREADABLE, in_a_word
+from recorder.session.format import UNREADABLE, short_reason
 
 FRAME = struct.Struct("<BQ")
 LONGEST_RECORD = 1 << 30
@@ -51,7 +51,7 @@ SKIPPED = (
 )  # fmt: skip
 
 
-class Senseless(Exception):
+class InvalidFrame(Exception):
     """The bytes at this place are no frame."""
 
 
@@ -82,9 +82,9 @@ def parsed(
     try:
         record = parser(stream)
     except UNREADABLE as error:
-        raise Senseless(in_a_word(error)) from None
+        raise InvalidFrame(short_reason(error)) from None
     if exact and stream.count != len(content):
-        raise Senseless("a record is longer than what it holds")
+        raise InvalidFrame("a record is longer than what it holds")
     return record
 
 
@@ -106,7 +106,7 @@ def chunk_length(head: bytes) -> int | None:
 
 
 def is_message_index(content: bytes) -> bool:
-    """Whether its length fits to what it says of itself."""
+    """Whether its length is the one that its own field states."""
     return len(content) >= 6 and (len(content) - 6) % 16 == 0 and (
         int.from_bytes(content[2:6], "little") == len(content) - 6
     )  # fmt: skip

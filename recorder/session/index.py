@@ -21,9 +21,9 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import ChunkIndex
 from mcap.writer import Writer
 
-# The library offers no way to say where it shall keep its index, so its list is exchanged. This is
+# The library offers no way to choose where it keeps its index, so its list is exchanged. This is
 # the only private name of it that we use. Where a later version has none of this name, its files
-# are the same and only its memory grows: a test tells.
+# are the same and only its memory grows: a test notices.
 LIST_OF_THE_LIBRARY = "_Writer__chunk_indices"
 _PIECE_BYTES = 1 << 16
 

@@ -1,44 +1,50 @@
-"""A recording on a terminal: a bar for each sensor's range, its rate and losses, and counters."""
+"""Where a running recording shows how it goes: bars on a terminal, a line a second elsewhere."""
 
 from __future__ import annotations
 
 import math
-from types import TracebackType
-from typing import Self
+import shutil
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
 
+import click
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-from recorder.recording import RecordingStatus
-from recorder.status_text import damaged_lines, pose_text, range_text
+from recorder.recording.status import (
+    RecordingStatus,
+    damaged_lines,
+    pose_text,
+    range_text,
+    status_line,
+)
 
-PERIOD_S = 0.2
+_PERIOD_S = 0.2
 _BAR_WIDTH = 32
 _LOW_BYTES = 1_000_000_000
 
 
-class LiveBars:
-    """Shows statuses in place, between ``__enter__`` and ``__exit__``."""
+def open_screen(
+    stack: ExitStack, output: Path, *, keys: bool
+) -> tuple[Callable[[RecordingStatus], None], float]:
+    """What shows a status, on standard error, and each how many seconds it wants one.
 
-    def __init__(self, title: str, console: Console, *, keys: bool) -> None:
-        self._title, self._keys = title, keys
-        self._live = Live(console=console, auto_refresh=False)
+    ``keys``: a key press is heeded. The screen is closed with ``stack``.
+    """
+    if sys.stderr is None or not sys.stderr.isatty():  # None: closed by who started us
+        return lambda status: click.echo(status_line(status), err=True), 1.0
+    live = stack.enter_context(Live(console=Console(stderr=True), auto_refresh=False))
 
-    def __enter__(self) -> Self:
-        self._live.start()
-        return self
+    def show(status: RecordingStatus) -> None:
+        free_bytes = shutil.disk_usage(output.parent).free
+        live.update(bars(output.name, status, free_bytes, keys=keys), refresh=True)
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
-    ) -> None:
-        self._live.stop()
-
-    def show(self, status: RecordingStatus, free_bytes: int) -> None:
-        """Draw ``status`` over the one before."""
-        self._live.update(bars(self._title, status, free_bytes, keys=self._keys), refresh=True)
+    return show, _PERIOD_S
 
 
 def bars(title: str, status: RecordingStatus, free_bytes: int, *, keys: bool) -> RenderableType:
@@ -89,10 +95,10 @@ def _sensors(status: RecordingStatus) -> RenderableType:
 
 def _counters(status: RecordingStatus) -> str:
     counters = status.counters
-    words = [
+    parts = [
         f"lines {counters.received}", f"damaged {damaged_lines(counters)}",
         f"missing {counters.gaps}", f"reconnects {counters.reconnects}",
         f"restarts {counters.device_restarts}", f"poses {counters.poses}",
         f"written {counters.written}",
     ]  # fmt: skip
-    return f"{pose_text(status.pose)}\n{'   '.join(words)}"
+    return f"{pose_text(status.pose)}\n{'   '.join(parts)}"

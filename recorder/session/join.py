@@ -13,8 +13,8 @@ from itertools import groupby
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
 from recorder.messages import BASE_FRAME, Record, Transform
-from recorder.session import Session
-from recorder.session_parts import PART, repeated_as
+from recorder.session.parts import PART, repeated_as
+from recorder.session.reader import Session
 
 _APART_NS = 60 * NS_PER_S  # longer than any gap between poses that is bridged
 _Key = tuple[str, ...]

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import io
 import math
+import sys
+from contextlib import ExitStack
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from rich.console import Console
 
 from recorder.geometry import SE2
-from recorder.live_bars import LiveBars, bars
 from recorder.messages import Pose, Radiation, Range
 from recorder.recording import RecordingStatus
-from recorder.status_text import lost_anything, status_line
-from recorder.translation import RecordingCounters
+from recorder.recording.screen import bars, open_screen
+from recorder.recording.status import lost_anything, status_line
+from recorder.recording.translation import RecordingCounters
 
 
 def reading(sensor: str, range_m: float) -> Range:
@@ -76,13 +79,17 @@ def test_what_is_wrong_can_be_seen() -> None:
     assert "too close" in drawn(replace(STATUS, latest={"ping": reading("ping", -math.inf)}))
 
 
-def test_it_is_drawn_in_place() -> None:
-    console = Console(file=io.StringIO(), width=100, force_terminal=True)
-    with LiveBars("run.mcap", console, keys=False) as screen:
-        screen.show(STATUS, 10**9)
-        screen.show(replace(STATUS, elapsed_s=84.0), 10**9)
-    assert isinstance(console.file, io.StringIO)
-    text = console.file.getvalue()
+def test_it_is_drawn_in_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = io.StringIO()
+    monkeypatch.setattr(terminal, "isatty", lambda: True)
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setenv("TERM", "xterm")
+    with ExitStack() as stack:
+        show, period_s = open_screen(stack, tmp_path / "run.mcap", keys=False)
+        show(STATUS)
+        show(replace(STATUS, elapsed_s=84.0))
+    assert period_s < 1.0
+    text = terminal.getvalue()
     assert "01:23" in text
     assert "01:24" in text
     assert "\x1b[1A" in text, "the cursor goes up again"

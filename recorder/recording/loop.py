@@ -11,19 +11,19 @@ import threading
 import typing
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-from recorder.cadence import Cadence
 from recorder.clock import NS_PER_S, Clock
-from recorder.inbox import Inbox
 from recorder.link import ByteSource, LinkEvent, LinkState, Received
 from recorder.messages import Diagnostics, Message, Pose, Range, RawLine, Transform
 from recorder.odometry import WheelGeometry
 from recorder.protocols import Protocol
-from recorder.protocols.reports import Fault, HelloReport, Packet
+from recorder.protocols.reports import Fault, Packet
+from recorder.recording.inbox import Inbox
+from recorder.recording.status import Cadence, RecordingStatus
+from recorder.recording.translation import RecordingCounters, Translator, raw_line
 from recorder.sensors import SensorParameters
 from recorder.tracker import BadTrackerLine, PoseSource, TrackerEvent
-from recorder.translation import RecordingCounters, Translator, raw_line
 
 DIAGNOSTICS_NAME = "recorder"
 
@@ -32,8 +32,8 @@ _STATUS_PERIOD_NS = NS_PER_S
 _log = logging.getLogger(__name__)
 
 
-class Session(typing.Protocol):
-    """What a recording is written to. An OSError says that no more can be written."""
+class SessionSink(typing.Protocol):
+    """What a recording is written to. After an OSError no more can be written."""
 
     def write(self, message: Message, *, log_ns: int) -> None:
         """Append a message that reached the host at ``log_ns``."""
@@ -42,25 +42,9 @@ class Session(typing.Protocol):
         """See to it that what was written is on the disk."""
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingStatus:
-    """How a recording goes, as often as was asked for: for the screen."""
-
-    t_ns: int
-    elapsed_s: float
-    link_up: bool
-    counters: RecordingCounters
-    latest: Mapping[str, Range]  # the last reading of each sensor
-    rate_hz: Mapping[str, float]  # readings a second of each sensor, of the last whole second
-    pose: Pose | None
-    hello: HelloReport | None
-    missing: Mapping[str, int]  # of each sensor, by its usual pace: an estimate
-    paused: bool
-
-
 def record(
     source: ByteSource,
-    session: Session,
+    session: SessionSink,
     *,
     protocol: Protocol,
     clock: Clock,
@@ -75,13 +59,13 @@ def record(
     send: Callable[[bytes], object] | None = None,
     pause: threading.Event | None = None,
 ) -> RecordingCounters:
-    """Write what ``source`` and ``tracker`` say to ``session`` until something ends it.
+    """Write what ``source`` and ``tracker`` send to ``session`` until something ends it.
 
     It ends when ``stop`` is set, ``duration_s`` is over, the source ends, or the session cannot be
-    written (``failure`` then says why; what was written stays). ``sensors`` adds to the built-in
+    written (``failure`` is the reason; what was written stays). ``sensors`` adds to the built-in
     ones and goes before them. ``mounts`` are written first. ``on_status`` is called each
     ``status_period_s`` in this thread; one that raises is not called again. What the protocol has
-    to tell the device goes to ``send``. While ``pause`` is set all is read and counted, but only
+    for the device goes to ``send``. While ``pause`` is set all is read and counted, but only
     the diagnostics are written. The session is synced, not closed.
 
     Raises LinkError when a link cannot be opened at the beginning.
@@ -137,11 +121,11 @@ class _Screen:
 
 
 class _Loop:
-    """One recording: writes, counts, and says once a second how it goes."""
+    """One recording: writes, counts, and reports once a second how it goes."""
 
     def __init__(
         self,
-        session: Session,
+        session: SessionSink,
         protocol: Protocol,
         translator: Translator,
         clock: Clock,
@@ -157,7 +141,7 @@ class _Loop:
         self._pause = pause
         self._paused = False
         self._protocol_failed = False
-        self._now_ns = self._start_ns = self._told_ns = clock.now_ns()
+        self._now_ns = self._start_ns = self._reported_ns = clock.now_ns()
         self._end_ns: int | None = None
         self._ended = ""
         self._failure = ""
@@ -182,7 +166,7 @@ class _Loop:
         self._write((self._start_ns, replace(mount, t_ns=self._start_ns)) for mount in mounts)
 
     def take(self, event: _Event, *, from_tracker: bool) -> None:
-        """Write what an event says, unless the recording has ended before it."""
+        """Write what an event brings, unless the recording has ended before it."""
         self.tick(_time_of(event))
         if self._ended:
             return
@@ -206,8 +190,8 @@ class _Loop:
         if self._ended:
             return
         self._heed_pause()
-        if self._now_ns >= self._told_ns + _STATUS_PERIOD_NS:
-            self._tell()
+        if self._now_ns >= self._reported_ns + _STATUS_PERIOD_NS:
+            self._report()
             self._greet()
         if self._screen is not None and self._screen.due(self._now_ns):
             self._screen.show(self._status())
@@ -217,7 +201,7 @@ class _Loop:
         for packet in self._protocol.close():  # our own cut, which nobody needs to count
             self._write([(self._now_ns, raw_line(packet, self._now_ns))])
         self._ended = self._ended or reason
-        self._tell()
+        self._report()
         if self._screen is not None:
             self._screen.show(self._status())
         if not self._failure:
@@ -240,18 +224,18 @@ class _Loop:
     def _packets(self, packets: Sequence[Packet], arrival_ns: int) -> None:
         for packet in packets:
             self._write(self._translator.packet(packet, arrival_ns))
-            self._say(packet.reply)
+            self._send_bytes(packet.reply)
 
     def _greet(self) -> None:
         if self._link_up and self._send is not None:
-            self._say(self._protocol.greeting())
+            self._send_bytes(self._protocol.greeting())
 
-    def _say(self, data: bytes) -> None:
+    def _send_bytes(self, data: bytes) -> None:
         if data and self._send is not None:
             self._send(data)
 
     def _heed_pause(self) -> None:
-        """Pause or go on as was asked; the session says when."""
+        """Pause or go on as was asked; the session has a note of when."""
         paused = self._pause is not None and self._pause.is_set()
         if paused != self._paused:
             self._paused = paused
@@ -291,11 +275,11 @@ class _Loop:
     def _counters(self) -> RecordingCounters:
         return RecordingCounters(**self._translator.tally, ended=self._ended, failure=self._failure)
 
-    def _tell(self) -> None:
+    def _report(self) -> None:
         """Once a second: the counters into the session, and the rates of that second."""
         self._diagnose()
-        since_s = (self._now_ns - self._told_ns) / NS_PER_S
-        self._told_ns = self._now_ns
+        since_s = (self._now_ns - self._reported_ns) / NS_PER_S
+        self._reported_ns = self._now_ns
         if since_s > 0.0:
             self._rate_hz = {name: n / since_s for name, n in self._readings.items()}
         self._readings = Counter(dict.fromkeys(self._latest, 0))
@@ -303,9 +287,10 @@ class _Loop:
     def _diagnose(self) -> None:
         """Write the counters."""
         hello = self._translator.hello
-        words = {"robot": hello.robot, "firmware": hello.firmware} if hello is not None else {}
-        words["state"] = "paused" if self._paused else "recording"
-        counters: dict[str, int | float | str] = {**self._counters().numbers(), **words}
+        counters: dict[str, int | float | str] = {**self._counters().numbers()}
+        if hello is not None:
+            counters |= {"robot": hello.robot, "firmware": hello.firmware}
+        counters["state"] = "paused" if self._paused else "recording"
         self._write([(self._now_ns, Diagnostics(self._now_ns, DIAGNOSTICS_NAME, counters))])
 
     def _status(self) -> RecordingStatus:

@@ -2,53 +2,34 @@
 
 :class:`SessionWriter` writes a file, :class:`PartedWriter` a live recording in parts;
 :class:`SessionReader` goes through a file in the memory of a chunk, :func:`read_session` keeps its
-records, and several files are read as one. Nothing but ``session_*`` imports mcap.
+records, and several files are read as one. No other package imports mcap.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 from recorder.errors import BadInput
-from recorder.messages import Message, Record
-from recorder.session_format import WALLS, Damage
-from recorder.session_parts import Limits, PartedWriter
-from recorder.session_reader import SessionReader
-from recorder.session_scan import MAGIC
-from recorder.session_writer import SessionWriter
+from recorder.session.format import Damage
+from recorder.session.join import join_sessions
+from recorder.session.parts import Limits, PartedWriter
+from recorder.session.reader import Session, SessionReader
+from recorder.session.scan import MAGIC
+from recorder.session.writer import SessionWriter
 
 __all__ = [
-    "WALLS", "Damage", "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter",
+    "Damage", "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter",
     "looks_like_session", "read_session",
 ]  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class Session:
-    """A session as it was read. Its records are kept: they can be gone through again."""
-
-    path: Path
-    records: tuple[Record, ...]
-    metadata: Mapping[str, object]
-    attachments: Mapping[str, bytes]
-    damage: tuple[str, ...]
-
-    def messages(self) -> Iterator[Message]:
-        """The messages in the order in which they reached the host."""
-        return (record.message for record in self.records)
-
-
 def read_session(path: Path, *more: Path) -> Session:
-    """Read a session as far as it goes; ``damage`` says what was lost.
+    """Read a session as far as it goes; ``damage`` lists what was lost.
 
     With ``more`` files, parts of the recording or other recordings, all are one session: see
-    :func:`~recorder.session_join.join_sessions`. Raises BadInput, in one line, where a file is no
+    :func:`~recorder.session.join.join_sessions`. Raises BadInput, in one line, where a file is no
     session or nothing of it can be used.
     """
-    from recorder.session_join import join_sessions
-
     return join_sessions([_read(each) for each in (path, *more)])
 
 

@@ -1,4 +1,4 @@
-"""Where a replayed device can speak: a serial port, a new pseudo-terminal, a TCP server.
+"""Where a replayed device sends to: a serial port, a new pseudo-terminal, a TCP server.
 
 Nothing is thrown away here: who sends waits for who reads, for ten seconds at most.
 """
@@ -105,7 +105,7 @@ class PseudoTerminalOutlet:
         return not stop.wait(_SETTLE_S)
 
     def send(self, data: bytes) -> None:
-        """Send all of it; what the other side says is not listened to."""
+        """Send all of it; what the other side sends is thrown away."""
         give_up_s = time.monotonic() + PATIENCE_S
         while data:
             with contextlib.suppress(BlockingIOError):
@@ -120,7 +120,7 @@ class PseudoTerminalOutlet:
     def close(self) -> None:
         """Hang up, once all was read or nobody seems to read any more.
 
-        The system holds more than it tells of, and hands it on bit by bit: all was read when
+        The system holds more than it reports, and hands it on bit by bit: all was read when
         nothing has waited for a while.
         """
         changed_s, before = time.monotonic(), self._unread()
@@ -176,7 +176,7 @@ class SocketOutlet:
             raise LinkError(f"nobody reads {self.name} any more") from None
 
     def close(self) -> None:
-        """Say that this was all, and hang up."""
+        """End the stream, and hang up."""
         if self._client is not None:
             with contextlib.suppress(OSError):
                 self._client.shutdown(socket.SHUT_WR)

@@ -1,6 +1,6 @@
 """Plays a session to the outside: a device on a line, a tracker on a port, each thing at its time.
 
-Recorded hardware then stands in for hardware: whoever records it hears the bytes that the device
+Recorded hardware then stands in for hardware: whoever records it gets the bytes that the device
 sent, and poses whose stamps are shifted to now.
 """
 
@@ -13,14 +13,15 @@ from dataclasses import dataclass
 from recorder.clock import NS_PER_S, Clock
 from recorder.errors import LinkError
 from recorder.messages import Pose
-from recorder.playback import FASTEST, Playback, Timetable
-from recorder.playback_ports import Outlet
+from recorder.playback.link import FASTEST, ReplayedLink
+from recorder.playback.outlets import Outlet
+from recorder.playback.transmissions import Playback
 from recorder.simulator.tracker_server import TrackerServer
 
 
 @dataclass(frozen=True, slots=True)
 class PlayedCounts:
-    """What was said; ``ended`` tells why it stopped before its end, empty when it did not."""
+    """What was sent; ``ended``: why it stopped before its end, empty when it did not."""
 
     pieces: int
     sent_bytes: int
@@ -38,10 +39,10 @@ def play(
     stop: threading.Event,
     on_second: Callable[[float], None] = lambda _: None,
 ) -> PlayedCounts:
-    """Say it all once somebody listens at each end that there is, then close them.
+    """Send it all once somebody listens at each end that there is, then close them.
 
-    ``speed`` is how many seconds of the session pass in one; at 0 each thing is said as soon as the
-    one before is taken, and poses are dated now. ``on_second`` hears, about once a second of the
+    ``speed`` is how many seconds of the session pass in one; at 0 each thing is sent as soon as the
+    one before is taken, and poses are dated now. ``on_second`` gets, about once a second of the
     session, how many have passed.
     """
     try:
@@ -71,25 +72,25 @@ def _played(
     playback: Playback, outlet: Outlet | None, tracker: TrackerServer | None, speed: float,
     clock: Clock, stop: threading.Event, on_second: Callable[[float], None],
 ) -> PlayedCounts:  # fmt: skip
-    timetable = Timetable(playback.first_ns, speed, clock, clock.now_ns())
+    link = ReplayedLink(playback, clock=clock, speed=speed)
     meanwhile: Callable[[], object] = (lambda: None) if tracker is None else tracker.accept
-    pieces = sent_bytes = poses = told_s = 0
-    for said in playback.said:
-        if not timetable.wait_for(said.log_ns, stop, meanwhile):
+    pieces = sent_bytes = poses = reported_s = 0
+    for sent in playback.transmissions:
+        if not link.wait_for(sent.log_ns, stop, meanwhile):
             return PlayedCounts(pieces, sent_bytes, poses, "stopped")
-        if isinstance(said.what, Pose):
+        if isinstance(sent.payload, Pose):
             if tracker is not None:
-                t_ns = clock.now_ns() if speed == FASTEST else timetable.now(said.what.t_ns)
-                tracker.send(t_ns / NS_PER_S, said.what.world_from_base)
+                t_ns = clock.now_ns() if speed == FASTEST else link.host_ns(sent.payload.t_ns)
+                tracker.send(t_ns / NS_PER_S, sent.payload.world_from_base)
                 poses += 1
         elif outlet is not None:
             try:
-                outlet.send(said.what)
+                outlet.send(sent.payload)
             except LinkError as error:
                 return PlayedCounts(pieces, sent_bytes, poses, str(error))
-            pieces, sent_bytes = pieces + 1, sent_bytes + len(said.what)
-        passed_s = (said.log_ns - playback.first_ns) // NS_PER_S
-        if passed_s > told_s:
-            told_s = passed_s
+            pieces, sent_bytes = pieces + 1, sent_bytes + len(sent.payload)
+        passed_s = (sent.log_ns - playback.first_ns) // NS_PER_S
+        if passed_s > reported_s:
+            reported_s = passed_s
             on_second(float(passed_s))
     return PlayedCounts(pieces, sent_bytes, poses)

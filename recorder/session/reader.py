@@ -1,12 +1,12 @@
 """A session read in one pass, record by record, in the memory of one chunk.
 
-Every checksum is checked. What cannot be read is counted and said; what is yielded is right.
+Every checksum is checked. What cannot be read is counted and reported; what is yielded is right.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -15,15 +15,30 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as McapMessage
 
 from recorder.errors import BadInput
-from recorder.messages import Record
+from recorder.messages import Message, Record
 from recorder.ros_types import Decoder
-from recorder.session_format import (
+from recorder.session.format import (
     METADATA,
     RECOVERED,
     Damage,
     read_checked_json,
 )
-from recorder.session_scan import SessionScan
+from recorder.session.scan import SessionScan
+
+
+@dataclass(frozen=True, slots=True)
+class Session:
+    """A session as it was read. Its records are kept: they can be gone through again."""
+
+    path: Path
+    records: tuple[Record, ...]
+    metadata: Mapping[str, object]
+    attachments: Mapping[str, bytes]
+    damage: tuple[str, ...]
+
+    def messages(self) -> Iterator[Message]:
+        """The messages in the order in which they reached the host."""
+        return (record.message for record in self.records)
 
 
 @dataclass(slots=True)
@@ -56,7 +71,7 @@ class SessionReader:
     @property
     def damage(self) -> tuple[str, ...]:
         """What was lost, one line a reason."""
-        return self._damage.said
+        return self._damage.lines
 
     @property
     def messages(self) -> int:

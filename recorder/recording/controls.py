@@ -1,4 +1,4 @@
-"""How a running recording is told to pause, go on or end: by keys, and by signals.
+"""How a running recording is paused, continued or ended: by keys, and by signals.
 
 Space or ``p`` pauses and goes on, ``q`` ends; so do the signals SIGUSR1, and SIGINT, SIGTERM and
 SIGHUP. Keys are read only from a terminal in whose foreground the program runs.

@@ -1,4 +1,4 @@
-"""Walls of a room ↔ GeoJSON in metres, exact to the last bit.
+"""True walls: an attachment of a session, or a file, as GeoJSON in metres, exact to the last bit.
 
 Lines and polygons, alone or inside features and collections, become straight walls. GeoJSON is
 meant for degrees on the globe; here its numbers are metres in the map frame, and every digit
@@ -8,9 +8,9 @@ counts: the library's rounding to six decimals is switched off.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import geojson
 import numpy as np
@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 
 from recorder.errors import BadInput
 
-if TYPE_CHECKING:
-    from recorder.simulator.rooms import Room
-
+WALLS = "truth.geojson"  # the name of the attachment
+WALLS_TYPE = "application/geo+json"
 MAX_EXTENT_M = 100.0
 MAX_FARTHEST_M = 1e6
 MAX_WALLS = 10_000
@@ -28,17 +27,22 @@ MAX_BYTES = 10_000_000
 _ALL_DIGITS = 400  # more decimals than a double can have: coordinates stay as they are
 
 
-def room_to_geojson(room: Room) -> bytes:
-    """The walls of a room as one feature that :func:`walls_from_geojson` gives back exactly."""
-    geometry = geojson.MultiLineString(room.walls_m.tolist(), precision=_ALL_DIGITS)
-    feature = geojson.Feature(geometry=geometry, properties={"name": room.name})
+def true_walls(attachments: Mapping[str, bytes]) -> NDArray[np.float64] | None:
+    """The true walls (K, 2, 2) in metres that a session carries; None where it carries none."""
+    return walls_from_geojson(attachments[WALLS]) if WALLS in attachments else None
+
+
+def walls_to_geojson(walls_m: NDArray[np.float64], name: str) -> bytes:
+    """Walls (K, 2, 2) as one feature that :func:`walls_from_geojson` gives back exactly."""
+    geometry = geojson.MultiLineString(walls_m.tolist(), precision=_ALL_DIGITS)
+    feature = geojson.Feature(geometry=geometry, properties={"name": name})
     return str(geojson.dumps(geojson.FeatureCollection([feature]))).encode()
 
 
 def walls_from_geojson(data: bytes) -> NDArray[np.float64]:
     """Lines and polygons → walls (K, 2, 2) in metres, read-only, in the order of the file.
 
-    Points say nothing and are skipped, and so are walls without length. Raises BadInput, in one
+    Points are skipped, and so are walls without length. Raises BadInput, in one
     line, for anything that is not GeoJSON, holds no wall, holds a number that is not finite, spans
     more than 100 m or has more than 10,000 walls.
     """
@@ -58,7 +62,7 @@ def walls_from_geojson(data: bytes) -> NDArray[np.float64]:
     return _checked(walls_m)
 
 
-def read_room_file(file: Path) -> NDArray[np.float64]:
+def read_walls(file: Path) -> NDArray[np.float64]:
     """The walls in a GeoJSON file; BadInput names the file."""
     try:
         if file.stat().st_size > MAX_BYTES:
@@ -71,7 +75,7 @@ def read_room_file(file: Path) -> NDArray[np.float64]:
 
 
 def _exact(mapping: dict[str, Any]) -> Any:
-    """A JSON object as what it says it is, without rounding its coordinates."""
+    """A JSON object as the type that it names, without rounding its coordinates."""
     if "coordinates" in mapping:
         mapping = {
             "type": mapping.get("type"),

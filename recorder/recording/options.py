@@ -1,4 +1,4 @@
-"""What must be told of a robot before it is recorded, and how people write it on a command line."""
+"""What must be known of a robot before it is recorded, and how it is written on a command line."""
 
 from __future__ import annotations
 

@@ -23,10 +23,10 @@ from typing import Self
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput, OutputExists
 from recorder.messages import Message, Odometry, Pose, Transform
-from recorder.session_writer import SessionWriter
+from recorder.session.writer import SessionWriter
 
 BYTES_PER_MB = 1_000_000
-PART = "part"  # the key of the metadata that says which part a file is
+PART = "part"  # the key of the metadata with the number of the part
 _LOOK_AT_DISK_EACH_S = 1.0
 
 
@@ -47,7 +47,7 @@ class Limits:
 class PartedWriter:
     """Writes a live recording within ``limits``; used as a SessionWriter is.
 
-    ``free_bytes`` tells the room on the disk that holds a folder, ``monotonic_s`` the time.
+    ``free_bytes`` is the room on the disk that holds a folder, ``monotonic_s`` the time.
     Raises OutputExists, and BadInput where the disk has too little room to begin with.
     """
 
@@ -112,13 +112,13 @@ class PartedWriter:
     def close(self) -> None:
         """Finish the last part.
 
-        Raises OSError where the disk is full; nothing where a write has said so before.
+        Raises OSError where the disk is full; nothing where a write has raised it before.
         """
-        told = self._failure
+        known = self._failure
         if self._closing is not None:
             self._closing.join()
         self._writer.close()
-        if self._failure is not told and self._failure is not None:
+        if self._failure is not known and self._failure is not None:
             raise self._failure
 
     def __enter__(self) -> Self:

@@ -31,7 +31,7 @@ from recorder.protocols.reports import (
 from recorder.sensors import BUILT_IN_SENSORS, UNKNOWN_SENSOR, SensorParameters
 from recorder.tracker import BadTrackerLine, TrackedPose, TrackerEvent
 
-_LARGEST_GAP = 1000  # lines that may go missing at once when the device's clock says nothing of it
+_LARGEST_GAP = 1000  # lines that may go missing at once when the device's clock does not show it
 _MAX_LINES_PER_MS = 2
 
 _log = logging.getLogger(__name__)
@@ -39,7 +39,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class RecordingCounters:
-    """What was received, written and lost, in lines of the serial link unless said otherwise."""
+    """What was received, written and lost, in lines of the serial link unless noted otherwise."""
 
     received: int = 0  # sound, and understood
     unknown_kind: int = 0  # sound, but of a kind that we do not know
@@ -48,9 +48,9 @@ class RecordingCounters:
     cut: int = 0
     overlong: int = 0
     noise: int = 0  # stretches of bytes that belong to no line
-    header: int = 0  # words above columns of numbers
+    header: int = 0  # names above columns of numbers
     blank: int = 0  # lines of nothing
-    invalid_values: int = 0  # in lines that were received: no measurement, says the device
+    invalid_values: int = 0  # in lines that were received: no measurement, by the device
     gaps: int = 0  # never arrived soundly, by their sequence numbers
     duplicates: int = 0  # with the sequence number of the line before
     reconnects: int = 0
@@ -94,7 +94,7 @@ class Translator:
         self._seq: int | None = None
 
     def packet(self, packet: Packet, arrival_ns: int) -> Iterator[tuple[int, Message]]:
-        """The raw line, and what it says if it says anything."""
+        """The raw line, and the messages that it carries if any."""
         yield arrival_ns, raw_line(packet, arrival_ns)
         if packet.fault is not None:
             self.tally[packet.fault.value] += 1

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 
 from recorder.errors import BadInput
 from recorder.outputs import check_output, written_beside
-from recorder.session_format import (
+from recorder.session.format import (
     ATTACHED,
     METADATA,
     RECOVERED,
@@ -27,9 +27,9 @@ from recorder.session_format import (
     checked_json,
     read_checked_json,
 )
-from recorder.session_index import ChunkIndexes
-from recorder.session_scan import SessionScan
-from recorder.session_writer import new_writer
+from recorder.session.index import ChunkIndexes
+from recorder.session.scan import SessionScan
+from recorder.session.writer import new_writer
 
 Progress = Callable[[int, int], None]
 _Record = McapMessage | Metadata | Attachment
@@ -63,7 +63,7 @@ def recover(
             records = _counted(scan, bad, size, progress)
             first = next(records, None)  # what is no session makes no file
             if first is None:
-                reason = damage.said[0] if damage else "it is empty"
+                reason = damage.lines[0] if damage else "it is empty"
                 raise BadInput(f"{bad}: nothing in it can be read ({reason})")
             if not good.parent.is_dir():
                 raise BadInput(f"{good}: there is no folder {good.parent}")
@@ -78,7 +78,7 @@ def recover(
                 os.fsync(file.fileno())
     except OSError as error:
         raise BadInput(f"{error.filename or good}: {error.strerror or error}") from None
-    return Recovery(copy.messages, copy.attachments, damage.said)
+    return Recovery(copy.messages, copy.attachments, damage.lines)
 
 
 def _counted(
@@ -112,8 +112,8 @@ class _Copy:
         for record in records:
             self._take(record, damage)
         if damage:
-            said = {"from": origin, "lost": list(damage.said)}
-            self._writer.add_metadata(RECOVERED, checked_json(said))
+            lost = {"from": origin, "lost": list(damage.lines)}
+            self._writer.add_metadata(RECOVERED, checked_json(lost))
         self._writer.finish()  # type: ignore[no-untyped-call]
 
     def _take(self, record: _Record, damage: Damage) -> None:

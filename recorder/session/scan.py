@@ -31,15 +31,15 @@ from mcap.records import (
 from mcap.stream_reader import breakup_chunk
 
 from recorder.errors import BadInput
-from recorder.session_format import LIBRARY, UNREADABLE, Damage, in_a_word
-from recorder.session_frames import (
+from recorder.session.format import LIBRARY, UNREADABLE, Damage, short_reason
+from recorder.session.frames import (
     FRAME,
     LONGEST_CHUNK_HEAD,
     LONGEST_RECORD,
     PARSERS,
     SKIPPED,
     Frame,
-    Senseless,
+    InvalidFrame,
     attachment_is_sound,
     chunk_length,
     chunk_size,
@@ -69,8 +69,8 @@ class SessionScan:
         self._data_crc: int | None = 0  # of all bytes so far; None after a jump
         self._summary_crc: int | None = None
         self._footer: Footer | None = None
-        self._expected: int | None = None  # how many messages the file says it holds
-        self._asked_the_end = False
+        self._expected: int | None = None  # messages, by the statistics of the file
+        self._summary_was_read = False
         self._last_number: dict[int, int] = {}
         self._missing: Counter[int] = Counter()
         self.profile = ""
@@ -99,7 +99,7 @@ class SessionScan:
                         yield record
                 case Metadata() | Attachment():
                     yield record
-        self._say_what_is_missing()
+        self._note_missing()
 
     def _walk(self) -> Iterator[McapRecord]:
         self._check_magic()
@@ -109,7 +109,7 @@ class SessionScan:
                 frame = self._frame(position)
                 yield from self._unpack(frame, position)
                 self.position = position = frame.end
-            except Senseless as error:
+            except InvalidFrame as error:
                 found = self._next_chunk(self._sure)
                 self._note_skipped(position, found, error)
                 if found is None:
@@ -121,9 +121,9 @@ class SessionScan:
     def _count(self, message: Message) -> bool:
         """Whether the message may be taken, which it may not without its channel."""
         channel_id = message.channel_id
-        if channel_id not in self.channels and not self._asked_the_end:
-            self._asked_the_end = True
-            self._ask_the_end()
+        if channel_id not in self.channels and not self._summary_was_read:
+            self._summary_was_read = True
+            self._define_from_summary()
         if channel_id not in self.channels:
             self._damage.note("a message was left out: what defines its channel is lost")
             return False
@@ -134,7 +134,7 @@ class SessionScan:
             self._last_number[channel_id] = message.sequence
         return True
 
-    def _ask_the_end(self) -> None:
+    def _define_from_summary(self) -> None:
         """The chunk that defined a channel is lost: the end of a finished file repeats it."""
         here = self._file.tell()
         try:
@@ -143,13 +143,13 @@ class SessionScan:
                     self.schemas.setdefault(definition.id, definition)
                 else:
                     self.channels.setdefault(definition.id, definition)
-        except (Senseless, *UNREADABLE):
+        except (InvalidFrame, *UNREADABLE):
             pass
         finally:
             self._file.seek(here)
 
-    def _say_what_is_missing(self) -> None:
-        """As far as the file tells: by the numbers of its messages, or by their count."""
+    def _note_missing(self) -> None:
+        """As far as it can be known: by the numbers of its messages, or by their count."""
         for channel_id, missing in self._missing.items():
             if missing:
                 topic = self.channels[channel_id].topic
@@ -180,17 +180,17 @@ class SessionScan:
         """The frame at ``position``, which is where the file stands."""
         head = self._file.read(FRAME.size)
         if len(head) < FRAME.size:
-            raise Senseless("it ends within a record")
+            raise InvalidFrame("it ends within a record")
         opcode, length = FRAME.unpack(head)
         known = opcode in PARSERS or opcode in SKIPPED or opcode == Opcode.MESSAGE
         if not known and opcode < _FIRST_PRIVATE_OPCODE:
-            raise Senseless("no record begins there")
+            raise InvalidFrame("no record begins there")
         end = position + FRAME.size + length
         if end > self._size or length > LONGEST_RECORD:
-            raise Senseless("a record is longer than the rest of the file")
+            raise InvalidFrame("a record is longer than the rest of the file")
         content = self._file.read(length)
         if opcode == Opcode.MESSAGE_INDEX and not is_message_index(content):
-            raise Senseless("an index makes no sense")
+            raise InvalidFrame("an index makes no sense")
         self._follow_checksums(opcode, head + content)
         return Frame(opcode, content, end)
 
@@ -206,7 +206,7 @@ class SessionScan:
 
     def _check_data_end(self, data: bytes) -> None:
         if len(data) != FRAME.size + 4:
-            raise Senseless("the end of the data makes no sense")
+            raise InvalidFrame("the end of the data makes no sense")
         [written] = struct.unpack("<I", data[FRAME.size :])
         if written and self._data_crc is not None and written != self._data_crc:
             self._damage.note("the checksum over the whole file does not match")
@@ -215,7 +215,7 @@ class SessionScan:
         """What one frame brings."""
         if frame.opcode == Opcode.MESSAGE:
             if self.ours:
-                raise Senseless("a message stands outside of the chunks")
+                raise InvalidFrame("a message stands outside of the chunks")
             message = parsed(lambda s: Message.read(s, len(frame.content)), frame.content, False)
             self.unverified += 1
             yield message
@@ -241,7 +241,7 @@ class SessionScan:
                 self._footer = record
             case Schema() | Channel():
                 if self.ours and self._summary_crc is None:
-                    raise Senseless("a definition stands outside of the chunks")
+                    raise InvalidFrame("a definition stands outside of the chunks")
                 if self._summary_crc is None:
                     yield record
             case Metadata():
@@ -249,11 +249,11 @@ class SessionScan:
 
     def _unpack_chunk(self, chunk: Chunk, frame: Frame) -> Iterator[McapRecord]:
         if chunk_size(chunk) != len(frame.content):
-            raise Senseless("the length of a chunk is wrong")
+            raise InvalidFrame("the length of a chunk is wrong")
         try:
             inner = breakup_chunk(chunk, validate_crc=True)
         except UNREADABLE as error:
-            self._damage.note(f"a damaged chunk was left out ({in_a_word(error)})")
+            self._damage.note(f"a damaged chunk was left out ({short_reason(error)})")
             return
         self._sure = frame.end
         if chunk.uncompressed_crc == 0:
@@ -283,10 +283,10 @@ class SessionScan:
             chunk = parsed(Chunk.read, self._file.read(length), True)
             assert isinstance(chunk, Chunk)
             return bool(breakup_chunk(chunk, validate_crc=True))
-        except (Senseless, *UNREADABLE):
+        except (InvalidFrame, *UNREADABLE):
             return False
 
-    def _note_skipped(self, position: int, found: int | None, why: Senseless) -> None:
+    def _note_skipped(self, position: int, found: int | None, why: InvalidFrame) -> None:
         if found is not None:
             skipped = found - self._sure
             self._damage.note(f"{skipped} damaged bytes from byte {position} on ({why})")

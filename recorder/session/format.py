@@ -1,4 +1,4 @@
-"""What writing, reading and recovering a session share: names, checksums, and words for damage."""
+"""What writing, reading and recovering a session share: names, checksums, and a list of damage."""
 
 from __future__ import annotations
 
@@ -18,7 +18,6 @@ LIBRARY = "echogrid"
 METADATA = "echogrid"
 RECOVERED = "echogrid.recovered"
 ATTACHED = "echogrid.attachment"  # earlier sessions hold a checksum of each attachment so
-WALLS = "truth.geojson"
 # Whatever the libraries raise on damaged bytes; no common base covers them.
 UNREADABLE = (
     McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, RuntimeError,
@@ -40,7 +39,7 @@ class Damage:
         return bool(self.reasons)
 
     @property
-    def said(self) -> tuple[str, ...]:
+    def lines(self) -> tuple[str, ...]:
         """One line a reason, in the order in which they came up."""
         return tuple(
             reason if count == 1 else f"{reason} ({count} times)"
@@ -70,7 +69,7 @@ def checksum(data: bytes) -> str:
     return f"{zlib.crc32(data):08X}"
 
 
-def in_a_word(error: BaseException) -> str:
+def short_reason(error: BaseException) -> str:
     """An error of a library as a short piece of one line."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}"[:120] if text else type(error).__name__

@@ -1,7 +1,7 @@
 """One recording from a source to a session file: the links, the protocol and the writer together.
 
 A source is a device, an address, ``sim:ROOM``, a simulated robot behind a real serial line, or
-``replay:S.mcap``, a session said again in time.
+``replay:S.mcap``, a session played back in time.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from recorder.clock import HostClock
 from recorder.errors import BadInput
 from recorder.link import Link
 from recorder.messages import RawLine
-from recorder.odometry import WheelGeometry
 from recorder.playback import (
     ReplayedLink,
     mounts_of,
     playback_of,
-    replayed,
     wheels_of,
 )
 from recorder.protocols import Protocol, make_protocol
-from recorder.recording import RecordingStatus, Session, record
-from recorder.recording_options import RecordingOptions
+from recorder.recording.loop import SessionSink, record
+from recorder.recording.options import RecordingOptions
+from recorder.recording.status import RecordingStatus
+from recorder.recording.translation import RecordingCounters
 from recorder.sensors import BUILT_IN_SENSORS
-from recorder.session import WALLS, PartedWriter, read_session
+from recorder.session import PartedWriter, read_session
 from recorder.tracker import PoseSource, open_tracker
-from recorder.translation import RecordingCounters
+from recorder.truth import WALLS, WALLS_TYPE, walls_to_geojson
 from recorder.versions import own_version
 
 SIMULATED = "sim:"
@@ -48,7 +48,7 @@ def record_line(
     pause: threading.Event | None = None,
     on_status: Callable[[RecordingStatus], None] | None = None,
     status_period_s: float = 1.0,
-    wrap: Callable[[Session], Session] = lambda session: session,
+    wrap: Callable[[SessionSink], SessionSink] = lambda session: session,
 ) -> RecordingCounters:
     """Record a serial line and a tracker until ``stop`` is set, the time is over or a disk fails.
 
@@ -60,7 +60,8 @@ def record_line(
     tracker: PoseSource | None = None
     if source.startswith(REPLAYED):
         playback = playback_of(read_session(_replayed_file(source)).records)
-        link, tracker = replayed(playback, clock=clock)
+        link = ReplayedLink(playback, clock=clock)
+        tracker = link.tracker
     else:
         link = Link(source, baud=options.baud or protocol.default_baud, clock=clock)
     link.open()
@@ -68,11 +69,11 @@ def record_line(
         if options.tracker is not None:
             tracker = open_tracker(options.tracker, clock=clock, px_per_m=options.px_per_m)
         with PartedWriter(
-            output, options.limits, metadata=_described(source, options, protocol),
+            output, options.limits, metadata=_metadata(source, options, protocol),
             force=options.force,
         ) as session:  # fmt: skip
             if options.walls is not None:
-                session.attach(WALLS, "application/geo+json", options.walls)
+                session.attach(WALLS, WALLS_TYPE, options.walls)
             return record(
                 link, wrap(session), protocol=protocol, clock=clock, stop=stop, tracker=tracker,
                 duration_s=options.duration_s, mounts=options.mounts, wheels=options.wheels,
@@ -109,11 +110,10 @@ def opened_source(
         return
     from recorder.simulator.firmwares import CSV_COLUMNS
     from recorder.simulator.robot import WHEELS
-    from recorder.simulator.room_files import room_to_geojson
     from recorder.simulator.rooms import load_room
     from recorder.simulator.serial_robot import SerialRobot
 
-    _check_untold(source, options)
+    _check_not_given(source, options)
     room = load_room(source.removeprefix(SIMULATED))
     columns = options.columns or (CSV_COLUMNS if options.protocol == "csv" else None)
     with SerialRobot(room, seed=seed, speed=speed, protocol=options.protocol) as robot:
@@ -121,36 +121,36 @@ def opened_source(
             robot.device,
             replace(
                 options, columns=columns, tracker=robot.tracker_url, px_per_m=None, wheels=WHEELS,
-                mounts=robot.mount_transforms(), walls=room_to_geojson(room),
+                mounts=robot.mount_transforms(), walls=walls_to_geojson(room.walls_m, room.name),
                 source_name=source,
             ),
         )  # fmt: skip
 
 
-def _check_untold(source: str, options: RecordingOptions) -> None:
-    """Nothing is told of a robot that tells it itself."""
+def _check_not_given(source: str, options: RecordingOptions) -> None:
+    """Raises BadInput where the user describes a robot that brings its own description."""
     if options.tracker is not None or options.wheels is not None or options.mounts:
         raise BadInput(f"{source} brings its own tracker, wheels and mounts")
 
 
 def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
-    """What the replayed session says of its robot."""
-    _check_untold(source, options)
+    """The options under which the replayed session was recorded."""
+    _check_not_given(source, options)
     session = read_session(_replayed_file(source))
-    wheels, columns = wheels_of(session.metadata), session.metadata.get("columns")
+    columns = session.metadata.get("columns")
     raw = any(isinstance(record.message, RawLine) for record in session.records)
     return replace(
         options,
         protocol=str(session.metadata.get("protocol", options.protocol)) if raw else "echogrid",
         columns=str(columns) if raw and columns else options.columns,
-        wheels=None if wheels is None else WheelGeometry(**wheels),
-        mounts=mounts_of(session.records), walls=session.attachments.get(WALLS),
+        wheels=wheels_of(session.metadata), mounts=mounts_of(session.records),
+        walls=session.attachments.get(WALLS),
         source_damage=tuple(f"{_replayed_file(source)}: {reason}" for reason in session.damage),
     )  # fmt: skip
 
 
-def _described(source: str, options: RecordingOptions, protocol: Protocol) -> dict[str, object]:
-    """What the session says of how it was made."""
+def _metadata(source: str, options: RecordingOptions, protocol: Protocol) -> dict[str, object]:
+    """The metadata of the session: how it was made."""
     described: dict[str, object] = {
         "protocol": protocol.name,
         "source": options.source_name or source,
