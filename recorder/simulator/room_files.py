@@ -38,7 +38,7 @@ def room_to_geojson(room: Room) -> bytes:
 def walls_from_geojson(data: bytes) -> NDArray[np.float64]:
     """Lines and polygons → walls (K, 2, 2) in metres, read-only, in the order of the file.
 
-    Points say nothing and are skipped, and so are walls without length. Raises BadInput, in one
+    Points are skipped, and so are walls without length. Raises BadInput, in one
     line, for anything that is not GeoJSON, holds no wall, holds a number that is not finite, spans
     more than 100 m or has more than 10,000 walls.
     """
@@ -71,7 +71,7 @@ def read_room_file(file: Path) -> NDArray[np.float64]:
 
 
 def _exact(mapping: dict[str, Any]) -> Any:
-    """A JSON object as what it says it is, without rounding its coordinates."""
+    """A JSON object as the type that it names, without rounding its coordinates."""
     if "coordinates" in mapping:
         mapping = {
             "type": mapping.get("type"),
