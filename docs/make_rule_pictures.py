@@ -22,7 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, resolve_sensor
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.display import grey
 from mapping.grid import GridGeometry, Layer
 from mapping.sensor_model import make_temp_grid
@@ -54,8 +54,9 @@ RED, BLUE = (200, 30, 30), (20, 80, 200)
 
 
 def ping() -> Sensor:
-    """The built-in sonar as the program takes it when nobody says anything else."""
-    return resolve_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+    """The built-in sonar as the program takes it when nothing is configured."""
+    reported = ReportedSensor("ping", Radiation.ULTRASOUND)
+    return resolve_sensor(reported, MappingConfig(), mounted=False)
 
 
 def reading(range_m: float, grid: GridGeometry = GRID) -> TempGrid:

@@ -1,7 +1,7 @@
-"""What is odd about a session although every byte of it is right: one line for each finding.
+"""Anomalies of a session although every byte of it is right: one line for each finding.
 
-Swapped channels, sensors that say always the same, poses that jump, clocks that step. Nothing here
-is certain; each line says what was seen, so that people can judge.
+Swapped channels, sensors that never change, poses that jump, clocks that step. Nothing here
+is certain; each line gives what was seen, so that people can judge.
 """
 
 from __future__ import annotations
@@ -10,10 +10,11 @@ import math
 from collections.abc import Iterator, Mapping
 
 from recorder.messages import Radiation
+from recorder.sensors import kind_of, kind_of_radiation
+from recorder.sensors.kinds import BEYOND
 from recorder.session.stats import Readings, SessionStats, Times, Track
 
-INFRARED_LIMIT_M = 0.8  # the infrared rangers of such robots never measure farther
-_ENOUGH = 20  # readings, before anything is said of a channel
+_ENOUGH = 20  # readings, before a channel is judged
 _SHARE = 0.02  # of readings that a few glitches may have
 _TROUBLE = (
     "bad_checksum", "malformed", "cut", "overlong", "noise", "unchecked", "gaps", "duplicates",
@@ -65,35 +66,51 @@ def _swapped(session_stats: SessionStats) -> Iterator[str]:
     for topic, readings in session_stats.readings.items():
         if readings.radiation is not Radiation.INFRARED or readings.finite < _ENOUGH:
             continue
-        share = readings.share_beyond(INFRARED_LIMIT_M)
+        limit_m = _limit_m(readings)
+        kind = kind_of(readings.sensor, readings.radiation)
+        invalid = readings.share_at(*kind.invalid_m)
+        share = readings.share_beyond(limit_m) - invalid
         if share > _SHARE:
             yield (
-                f"{topic}: {share:.0%} of its ranges lie beyond {INFRARED_LIMIT_M:g} m, which "
-                f"infrared does not reach{_near(session_stats)}: are the channels swapped?"
+                f"{topic}: {share:.0%} of its ranges lie beyond {limit_m:g} m, which it does not "
+                f"reach{_near(session_stats, limit_m)}: are the channels swapped?"
             )
-        elif readings.most_m > INFRARED_LIMIT_M + 0.005:
-            yield f"{topic}: infrared beyond {INFRARED_LIMIT_M:g} m ({readings.most_m:.2f} m)"
+        elif invalid > _SHARE:
+            yield f"{topic}: {invalid:.0%} of its ranges are what a {kind.title} reports for none"
+        elif readings.most_m > limit_m + 0.005:
+            yield f"{topic}: infrared beyond {limit_m:g} m ({readings.most_m:.2f} m)"
+
+
+def _limit_m(readings: Readings) -> float:
+    """The farthest that a sensor measures: by its own messages, else by the catalogue."""
+    if 0.0 < readings.max_range_m < math.inf:
+        return readings.max_range_m
+    return kind_of(readings.sensor, readings.radiation).max_range_m
 
 
 def _columns(session_stats: SessionStats, metadata: Mapping[str, object]) -> Iterator[str]:
     """An importer that had to drop what only swapped columns explain."""
     dropped = metadata.get("dropped")
-    far = dropped.get("infrared above 80 cm", 0) if isinstance(dropped, Mapping) else 0
-    kept = sum(
-        r.count for r in session_stats.readings.values() if r.radiation is Radiation.INFRARED
-    )
-    if isinstance(far, int) and far > _SHARE * (kept + far) and far >= _ENOUGH:
-        yield (
-            f"{far / (kept + far):.0%} of the infrared readings were dropped at the import, for "
-            f"they lay above 80 cm{_near(session_stats)}: are the columns swapped?"
-        )
+    infrared = [r for r in session_stats.readings.values() if r.radiation is Radiation.INFRARED]
+    usual_m = kind_of_radiation(Radiation.INFRARED).max_range_m
+    limit_m = min((_limit_m(readings) for readings in infrared), default=usual_m)
+    for reason, far in dropped.items() if isinstance(dropped, Mapping) else ():
+        if not isinstance(far, int) or not reason.startswith(BEYOND):
+            continue
+        total = far + sum(readings.count for readings in infrared)
+        if far > _SHARE * total and far >= _ENOUGH:
+            yield (
+                f"{far / total:.0%} of the infrared readings were dropped at the import, for they "
+                f"lay above {reason.removeprefix(BEYOND)}{_near(session_stats, limit_m)}: are the "
+                "columns swapped?"
+            )
 
 
-def _near(session_stats: SessionStats) -> str:
-    """A sonar that never sees farther than an infrared ranger does."""
+def _near(session_stats: SessionStats, limit_m: float) -> str:
+    """A sonar that never sees farther than an infrared ranger's limit."""
     for topic, readings in session_stats.readings.items():
         sonar = readings.radiation is Radiation.ULTRASOUND and readings.finite >= _ENOUGH
-        if sonar and readings.share_beyond(INFRARED_LIMIT_M) <= _SHARE:
+        if sonar and readings.share_beyond(limit_m) <= _SHARE:
             return f", and {topic} never gets there"
     return ""
 

@@ -12,13 +12,14 @@ import pytest
 import echogrid
 from echogrid import main
 from mapping.artifacts import Finished
-from mapping.config import BUILT_IN_SENSORS, load_config
+from mapping.config import load_config
 from mapping.config_sections import SensorSection
 from mapping.config_text import explained_toml
 from mapping.grid import GridGeometry, Layer
 from mapping.segments.methods import LINE_METHODS
 from mapping.sensor_model import SENSOR_MODELS
 from mapping.update_rules import UPDATE_RULES
+from recorder.sensors import CATALOGUE
 from replay.terminal import map_lines
 
 HELP_COLUMNS = 66  # of a command's line in the list of all commands, in a window of 80
@@ -164,8 +165,9 @@ def test_the_configuration_names_all_there_is_to_choose(
     assert f"one of {', '.join(UPDATE_RULES)}" in update
     assert f"one of {', '.join(SENSOR_MODELS)}" in model
     assert "one of total, y-on-x" in fit
-    for name, keys in BUILT_IN_SENSORS.items():
-        assert f"{name} {keys['beam_width_deg']:g}" in width
+    assert "(ping 38, dirrs 6, lidar 1)" in width
+    for kind in CATALOGUE.values():
+        assert f"#   {kind.name:<12}{kind.summary()}" in lines
     default = load_config().model_dump(exclude_none=True, exclude={"sensors"}, mode="json")
     assert tomllib.loads(text) == default
 

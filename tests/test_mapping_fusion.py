@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.config import FusionSection, Heard, MappingConfig, resolve_sensor
+from mapping.config import FusionSection, MappingConfig, ReportedSensor, resolve_sensor
 from mapping.fusion import classify, fuse, weights_of
 from mapping.grid import GridGeometry, Layer
 from recorder.errors import BadInput
@@ -20,7 +20,7 @@ ROW = GridGeometry((0.0, 0.0), 0.1, 1, 6)
 
 
 def sensor_of(name, radiation, **changes):
-    sensor = resolve_sensor(Heard(name, radiation), MappingConfig(), mounted=False)
+    sensor = resolve_sensor(ReportedSensor(name, radiation), MappingConfig(), mounted=False)
     return replace(sensor, layer=name, **changes)
 
 

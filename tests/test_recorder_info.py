@@ -156,7 +156,7 @@ def poses(other: Callable[[int], Pose]) -> list[Message]:
 CASES: dict[str, tuple[list[Message], str]] = {
     "swapped": (
         swapped(good_run()),
-        "/range/dirrs: 100% of its ranges lie beyond 0.8 m, which infrared does not reach, "
+        "/range/dirrs: 100% of its ranges lie beyond 0.8 m, which it does not reach, "
         "and /range/ping never gets there: are the channels swapped?",
     ),
     "a glitch": (

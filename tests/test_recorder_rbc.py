@@ -154,10 +154,10 @@ def test_the_simulated_robot_wants_its_handshake() -> None:
     firmware = RbcFirmware(0.0, np.random.default_rng(0))
     ping, dirrs = RangeReport("ping", 1.5), RangeReport("dirrs", 0.35)
     assert firmware.line(ping, 0) + firmware.line(dirrs, 0) == b""
-    assert firmware.hear(b"\x0b") == b""
-    assert firmware.hear(b"x\x0a") == b"\x08"
+    assert firmware.receive(b"\x0b") == b""
+    assert firmware.receive(b"x\x0a") == b"\x08"
     assert firmware.line(dirrs, 0) == b""
-    assert firmware.hear(b"\x0b") == b""
+    assert firmware.receive(b"\x0b") == b""
     assert firmware.line(ping, 0) + firmware.line(dirrs, 0) == BOTH
     assert firmware.line(ping, 0) == b""
     assert firmware.line(ping, 0) == sensor_packet(150, 111)

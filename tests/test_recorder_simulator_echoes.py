@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -12,13 +13,13 @@ from hypothesis.extra import numpy as hnp
 from naive_echoes import nearest_wall
 
 from recorder.geometry import SE2
-from recorder.messages import Radiation
+from recorder.sensors import CATALOGUE, ScanPattern
 from recorder.simulator.echoes import cast, fan, range_reading, scan_reading
-from recorder.simulator.robot import RANGERS, Robot
+from recorder.simulator.robot import Robot
 from recorder.simulator.rooms import ROOMS
 from recorder.simulator.walls import rectangle
 
-PING, DIRRS = RANGERS["ping"], RANGERS["dirrs"]
+PING, DIRRS, LIDAR = (CATALOGUE[name] for name in ("ping", "dirrs", "lidar"))
 ARENA = rectangle((0.0, 0.0), 2.0, 2.0)
 coordinates = st.floats(-5, 5).map(lambda x: round(x, 3))
 headings = st.floats(-math.pi, math.pi)
@@ -82,7 +83,7 @@ def test_a_fan_covers_the_beam_and_its_axis():
 def test_without_noise_a_reading_is_the_exact_distance_along_the_axis(ranger, heading_rad):
     sensor = SE2(0.41, 0.52, heading_rad)
     true_m, _ = nearest_wall(ARENA, (0.41, 0.52), heading_rad)
-    expected_m = true_m if true_m <= ranger.parameters.max_range_m else math.inf
+    expected_m = true_m if true_m <= ranger.max_range_m else math.inf
     readings_m = pings(ARENA, sensor, noise=0.0, count=5, ranger=ranger)
     np.testing.assert_allclose(readings_m, expected_m, rtol=1e-12)
 
@@ -174,24 +175,33 @@ def test_noise_scales_the_faults_and_not_the_number_of_draws():
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_a_scan_is_the_twin_s_with_a_centimetre_of_noise(noise):
-    pose, bearings_rad = SE2(0.3, -0.2, 0.5), np.radians(np.arange(-180.0, 180.0))
+    pose, pattern = SE2(0.3, -0.2, 0.5), LIDAR.scan
     rng = np.random.default_rng(2)
-    ranges_m = scan_reading(ARENA, pose, bearings_rad, 0.05, 12.0, noise, rng)
-    true_m = np.array([nearest_wall(ARENA, (0.3, -0.2), 0.5 + b)[0] for b in bearings_rad])
+    ranges_m = scan_reading(ARENA, pose, LIDAR, pattern, noise, rng)
+    true_m = np.array([nearest_wall(ARENA, (0.3, -0.2), 0.5 + b)[0] for b in pattern.bearings_rad])
     error_m = ranges_m - true_m
     if noise == 0.0:
         assert np.abs(error_m).max() < 1e-9
     else:
         assert error_m.std() == pytest.approx(0.01, rel=0.15)
         assert abs(error_m.mean()) < 0.003
-    short = scan_reading(ARENA, pose, bearings_rad, 0.75, 1.0, noise, rng)
+    short = ScanPattern(360, -180.0, 1.0, reach_m=1.0)
+    near = dataclasses.replace(LIDAR, min_range_m=0.75)
+    short = scan_reading(ARENA, pose, near, short, noise, rng)
     assert set(np.sign(short[np.isinf(short)])) == {-1.0, 1.0}
 
 
-def test_the_rangers_are_the_known_ones():
-    assert (PING.parameters.radiation, DIRRS.parameters.radiation) == (
-        Radiation.ULTRASOUND,
-        Radiation.INFRARED,
-    )
-    assert math.degrees(PING.parameters.beam_width_rad) == pytest.approx(38.0)
-    assert (PING.mount.x_m, DIRRS.mount.x_m) == (0.044, -0.0312)
+def test_light_over_a_wide_cone_is_averaged_and_rounded():
+    """Half of the cone meets a post at 0.5 m, the rest a wall at 1 m: the range lies between."""
+    tof = CATALOGUE["vl53l0x"]
+    walls_m = np.array([[[0.5, 0.0], [0.5, 0.5]], [[1.0, -2.0], [1.0, 2.0]]])
+    readings_m = pings(walls_m, SE2(0.0, 0.0, 0.0), ranger=tof, count=500)
+    assert 0.5 < np.median(readings_m) < 0.75  # more light returns from what is near
+    np.testing.assert_allclose(readings_m, np.round(readings_m, 3), atol=1e-12)
+    assert np.isinf(pings(walls_m, SE2(0.0, 0.0, math.pi), ranger=tof, count=50)).all()
+
+
+def test_a_sensor_that_clips_reports_its_least_range():
+    maxbotix, near = CATALOGUE["mb1010"], SE2(0.95, 0.0, 0.0)
+    readings_m = pings(ARENA, near, ranger=maxbotix, count=300)
+    assert set(readings_m[np.isfinite(readings_m)]) == {maxbotix.min_range_m}

@@ -95,7 +95,7 @@ def test_it_says_who_it_is_and_then_what_it_measures(robot, port):
 def test_the_line_says_what_the_simulation_says(monkeypatch):
     """The sequence number tells which event a line is: the robot starts before anybody listens."""
     monkeypatch.setattr(serial_robot, "HELLO_PERIOD_NS", 10**18)
-    twin = (event.said for event in Robot(ROOM, seed=3, head_sweep_deg=40.0).events())
+    twin = (event.report for event in Robot(ROOM, seed=3, head_sweep_deg=40.0).events())
     said = [HELLO, LogReport("boot")]
     with (
         SerialRobot(ROOM, seed=3, speed=10.0, head_sweep_deg=40.0) as robot,

@@ -8,7 +8,7 @@ import numpy as np
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, resolve_sensor
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.sensor_model import SENSOR_MODELS, SensorModel
 from mapping.sensor_model.cells import rasterise_cells
@@ -24,9 +24,9 @@ READINGS = 12
 
 def random_sensor(draw: Draw, model: SensorModel = SENSOR_MODELS["peak"]) -> Sensor:
     """A sensor with a random beam, error and shape; keys of the model alone keep their defaults."""
-    heard = Heard("made", Radiation.ULTRASOUND)
+    reported = ReportedSensor("made", Radiation.ULTRASOUND)
     return replace(
-        resolve_sensor(heard, MappingConfig(), mounted=False),
+        resolve_sensor(reported, MappingConfig(), mounted=False),
         layer="made",
         model=model.name,
         own=model.Parameters.defaults(),

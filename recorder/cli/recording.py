@@ -56,8 +56,9 @@ _OPTIONS = (
         "sensors",
         multiple=True,
         metavar="NAME=KIND",
-        help="What NAME is: ping, dirrs, or the full width of its beam and its least and greatest "
-        "range, BEAM_DEG,MIN_M,MAX_M, with ,ir behind when it is infrared.",
+        help="What NAME is: a kind (ping, hcsr04, tfmini ...; docs/sensors.md has them all), or "
+        "the full width of its beam and its least and greatest range, BEAM_DEG,MIN_M,MAX_M, "
+        "with ,ir behind when it is infrared.",
     ),
     click.option(
         "--duration",

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import BASE_FRAME, Radiation, Transform
-from recorder.names import FRAME_NAME
+from recorder.names import FRAME_NAME, did_you_mean
 from recorder.odometry import WheelGeometry
-from recorder.sensors import BUILT_IN_SENSORS, SensorParameters
+from recorder.sensors import CATALOGUE, SensorParameters
 from recorder.session import Limits
 
 
@@ -67,17 +67,19 @@ def parse_mount(text: str) -> Transform:
 
 
 def parse_sensor(text: str) -> tuple[str, SensorParameters]:
-    """``NAME=ping``, or ``NAME=BEAM_DEG,MIN_M,MAX_M`` and ``,ir`` for infrared → what it is.
+    """``NAME=KIND``, or ``NAME=BEAM_DEG,MIN_M,MAX_M`` and ``,ir`` for infrared → what it is.
 
     Raises BadInput in one line.
     """
-    wanted = f"--sensor NAME={'|'.join(BUILT_IN_SENSORS)} or NAME=BEAM_DEG,MIN_M,MAX_M[,ir]"
+    wanted = "--sensor NAME=KIND or NAME=BEAM_DEG,MIN_M,MAX_M[,ir]"
     name, _, what = text.partition("=")
     if not what:
         raise BadInput(f"--sensor {text}: {wanted} is wanted")
     _check_name(name, f"--sensor {text}")
-    if what in BUILT_IN_SENSORS:
-        return name, BUILT_IN_SENSORS[what]
+    if what in CATALOGUE:
+        return name, CATALOGUE[what].parameters
+    if what[0].isalpha():
+        raise BadInput(f"--sensor {text}: no kind {what!r}; {did_you_mean(what, CATALOGUE)}")
     numbers = what.removesuffix(",ir")
     radiation = Radiation.ULTRASOUND if numbers == what else Radiation.INFRARED
     beam_deg, min_m, max_m = _numbers(numbers, f"--sensor {text}", wanted)

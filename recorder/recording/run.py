@@ -29,7 +29,7 @@ from recorder.recording.loop import SessionSink, record
 from recorder.recording.options import RecordingOptions
 from recorder.recording.status import RecordingStatus
 from recorder.recording.translation import RecordingCounters
-from recorder.sensors import BUILT_IN_SENSORS
+from recorder.sensors import CATALOGUE, DEFAULT_SENSORS
 from recorder.session import PartedWriter, read_session
 from recorder.tracker import PoseSource, open_tracker
 from recorder.truth import WALLS, WALLS_TYPE, walls_to_geojson
@@ -151,6 +151,7 @@ def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
 
 def _metadata(source: str, options: RecordingOptions, protocol: Protocol) -> dict[str, object]:
     """The metadata of the session: how it was made."""
+    usual = {name: CATALOGUE[name].parameters for name in DEFAULT_SENSORS}
     described: dict[str, object] = {
         "protocol": protocol.name,
         "source": options.source_name or source,
@@ -163,7 +164,7 @@ def _metadata(source: str, options: RecordingOptions, protocol: Protocol) -> dic
                 "max_range_m": sensor.max_range_m,
                 "radiation": sensor.radiation.name.lower(),
             }
-            for name, sensor in {**BUILT_IN_SENSORS, **options.sensors}.items()
+            for name, sensor in {**usual, **options.sensors}.items()
         },
         "versions": {"echogrid": own_version(), "python": sys.version.split()[0]},
     }

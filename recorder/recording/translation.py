@@ -28,7 +28,7 @@ from recorder.protocols.reports import (
     Report,
     WheelReport,
 )
-from recorder.sensors import BUILT_IN_SENSORS, UNKNOWN_SENSOR, SensorParameters
+from recorder.sensors import UNKNOWN_KIND, SensorParameters, guess_kind
 from recorder.tracker import BadTrackerLine, TrackedPose, TrackerEvent
 
 _LARGEST_GAP = 1000  # lines that may go missing at once when the device's clock does not show it
@@ -88,7 +88,7 @@ class Translator:
     ) -> None:
         self.tally: Counter[str] = Counter()
         self.hello: HelloReport | None = None
-        self._sensors = {**BUILT_IN_SENSORS, **(sensors or {})}
+        self._sensors = dict(sensors or {})
         self._dead_reckoning = DeadReckoning(wheels) if wheels is not None else None
         self._clock = DeviceClock()
         self._seq: int | None = None
@@ -180,7 +180,10 @@ class Translator:
     def _range(self, report: RangeReport, t_ns: int) -> Range:
         sensor = self._sensors.get(report.sensor)
         if sensor is None:
-            sensor = self._sensors[report.sensor] = UNKNOWN_SENSOR
-            self.tally["unknown_sensors"] += 1
-            _log.warning("sensor %s is not known: taken for an ultrasonic one", report.sensor)
+            kind = guess_kind(report.sensor)
+            if kind is None:
+                kind = UNKNOWN_KIND
+                self.tally["unknown_sensors"] += 1
+                _log.warning("sensor %s is not known: taken for an ultrasonic one", report.sensor)
+            sensor = self._sensors[report.sensor] = kind.parameters
         return sensor.reading(t_ns, report.sensor, report.range_m)

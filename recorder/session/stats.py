@@ -137,6 +137,11 @@ class Readings:
         """How many are a range in metres."""
         return self._bins.total()
 
+    def share_at(self, *ranges_m: float) -> float:
+        """Share of the finite readings that are one of these ranges, to the centimetre."""
+        bins = {round(range_m / _BIN_M) - below for range_m in ranges_m for below in (0, 1)}
+        return sum(self._bins[bin_] for bin_ in bins) / max(self.finite, 1)
+
     def share_beyond(self, range_m: float) -> float:
         """Share of the finite readings that are farther than ``range_m``, to the centimetre."""
         far = sum(n for bin_, n in self._bins.items() if bin_ > round(range_m / _BIN_M))

@@ -1,6 +1,6 @@
 """Simulated rooms: walls that are known exactly, and a closed route that a robot can drive.
 
-The built-in ones suit a small robot (some 10 cm wide) with a sonar that hears up to 4 m and an
+The built-in ones suit a small robot (some 10 cm wide) with a sonar that reaches 4 m and an
 infrared ranger that sees up to 0.8 m. Others come from GeoJSON files, in metres.
 """
 
