@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from mapping.artifacts import Segment
 from mapping.beams import Beam
 from mapping.borders import find_borders, threshold_layer
-from mapping.config import BordersSection, Heard, MappingConfig, SegmentsSection, resolve_sensor
+from mapping.config import (
+    BordersSection,
+    MappingConfig,
+    ReportedSensor,
+    SegmentsSection,
+    resolve_sensor,
+)
 from mapping.fusion import fuse
 from mapping.grid import Layer, geometry_for
 from mapping.segments import (
@@ -61,7 +67,7 @@ def mapped(room: Room, *, seed: int, duration_s: float, resolution_m: float) -> 
     """Drive through a room and map what was heard, with the default configuration."""
     config = MappingConfig()
     sensors = {
-        name: resolve_sensor(Heard(name, radiation), config, mounted=False)
+        name: resolve_sensor(ReportedSensor(name, radiation), config, mounted=False)
         for name, radiation in SENSORS.items()
     }
     corners = room.walls_m.reshape(-1, 2)

@@ -30,8 +30,16 @@ from recorder.messages import Radiation
 from recorder.names import nearest
 
 __all__ = [
-    "BUILT_IN_SENSORS", "PRESETS", "BordersSection", "FusionSection", "Heard", "MappingConfig",
-    "SegmentsSection", "Sensor", "load_config", "resolve_sensor",
+    "BUILT_IN_SENSORS",
+    "PRESETS",
+    "BordersSection",
+    "FusionSection",
+    "MappingConfig",
+    "ReportedSensor",
+    "SegmentsSection",
+    "Sensor",
+    "load_config",
+    "resolve_sensor",
 ]  # fmt: skip
 
 CHAPTER_PRESET: dict[str, Any] = {
@@ -74,7 +82,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReportedSensor:
     """What a session itself says of a sensor (NaN: it says nothing)."""
 
     name: str
@@ -108,28 +116,28 @@ KIND_OF_RADIATION = {
 }  # fmt: skip
 
 
-def resolve_sensor(heard: Heard, config: MappingConfig, *, mounted: bool) -> Sensor:
+def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: bool) -> Sensor:
     """Everything about one sensor, each value from the first place that knows it.
 
     ``mounted`` tells that the session holds a transform for it; its mount then stays None.
     """
-    asked = {**_set_keys(config.sensors.get("*")), **_set_keys(config.sensors.get(heard.name))}
+    asked = {**_set_keys(config.sensors.get("*")), **_set_keys(config.sensors.get(reported.name))}
     asked.pop("topic", None)
-    kind = str(asked.pop("kind", None) or _kind_of(heard))
-    base = BUILT_IN_SENSORS.get(kind) or BUILT_IN_SENSORS[KIND_OF_RADIATION[heard.radiation]]
+    kind = str(asked.pop("kind", None) or _kind_of(reported))
+    base = BUILT_IN_SENSORS.get(kind) or BUILT_IN_SENSORS[KIND_OF_RADIATION[reported.radiation]]
     said = {
-        "beam_width_deg": math.degrees(heard.beam_width_rad),
-        "min_range_m": heard.min_range_m,
-        "max_range_m": heard.max_range_m,
+        "beam_width_deg": math.degrees(reported.beam_width_rad),
+        "min_range_m": reported.min_range_m,
+        "max_range_m": reported.max_range_m,
     }
     values = {**base, **{k: v for k, v in said.items() if math.isfinite(v) and v > 0}, **asked}
     mount = asked.get("mount", None if mounted else base["mount"])
     values.pop("mount")
     width_deg = values.pop("beam_width_deg")
     return Sensor(
-        name=heard.name,
+        name=reported.name,
         kind=kind,
-        radiation=heard.radiation,
+        radiation=reported.radiation,
         layer=values.pop("layer", None) or "",
         mount=None if mount is None else SE2(mount[0], mount[1], math.radians(mount[2])),
         beam_width_rad=math.radians(width_deg),
@@ -137,12 +145,12 @@ def resolve_sensor(heard: Heard, config: MappingConfig, *, mounted: bool) -> Sen
     )
 
 
-def _kind_of(heard: Heard) -> str:
+def _kind_of(reported: ReportedSensor) -> str:
     """``ping``, ``ping_left`` and ``ping2`` are pings; any other name goes by its radiation."""
     for kind in BUILT_IN_SENSORS:
-        if heard.name == kind or heard.name.rstrip("0123456789").split("_")[0] == kind:
+        if reported.name == kind or reported.name.rstrip("0123456789").split("_")[0] == kind:
             return kind
-    return KIND_OF_RADIATION[heard.radiation]
+    return KIND_OF_RADIATION[reported.radiation]
 
 
 def _set_keys(section: SensorSection | None) -> dict[str, Any]:

@@ -131,7 +131,7 @@ class LivePlacer:
         return beams
 
     def _settle(self) -> None:
-        """Settle the sensors that were not heard before.
+        """Settle the sensors that were not received before.
 
         Those of the first seconds are settled together, so that two of one kind share a layer; one
         that comes later joins the layer of its kind where there is one.

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, resolve_sensor
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.poses import FrameTree, Track, is_sane
 from recorder.errors import BadInput
 from recorder.geometry import SE2
@@ -127,7 +127,7 @@ def resolve_sensors(
     for reading in readings:
         first.setdefault(reading.sensor, reading)
     settled = {
-        name: resolve_sensor(_heard(reading), config, mounted=frames.parent_of(name) is not None)
+        name: resolve_sensor(_reported(reading), config, mounted=frames.parent_of(name) is not None)
         for name, reading in first.items()
     }
     of_kind = Counter(sensor.kind for sensor in settled.values())
@@ -137,13 +137,13 @@ def resolve_sensors(
     }
 
 
-def _heard(reading: Range | Scan) -> Heard:
+def _reported(reading: Range | Scan) -> ReportedSensor:
     if isinstance(reading, Range):
-        return Heard(
+        return ReportedSensor(
             reading.sensor, reading.radiation, reading.beam_width_rad,
             reading.min_range_m, reading.max_range_m,
         )  # fmt: skip
-    return Heard(
+    return ReportedSensor(
         reading.sensor, Radiation.LASER, abs(reading.angle_increment_rad),
         reading.min_range_m, reading.max_range_m,
     )  # fmt: skip
@@ -157,7 +157,7 @@ def place_reading(
     frames: FrameTree,
     config: MappingConfig,
 ) -> Beam | str:
-    """The beam, or in words why there is none."""
+    """The beam, or the reason why there is none."""
     ranges_m = _checked(reading, sensor)
     if isinstance(ranges_m, str):
         return ranges_m
@@ -193,7 +193,7 @@ def _checked(
     """Ranges (N,), +Inf: nothing seen, NaN: not usable; or why the whole reading is dropped."""
     if isinstance(reading, Scan):
         ranges = np.array(reading.ranges_m, np.float64)
-        # A beam that is not usable says nothing; one past the limit saw nothing.
+        # A beam that is not usable is no evidence; one past the limit saw nothing.
         ranges[~(ranges >= max(sensor.min_range_m, 1e-9))] = np.nan
         ranges[ranges >= sensor.max_range_m] = np.inf
         if np.isnan(ranges).all():

@@ -88,7 +88,7 @@ def test_a_fitted_grid_holds_the_box_and_its_margin_on_a_multiple_of_the_resolut
     assert multiples == pytest.approx(np.round(multiples), abs=1e-6)
 
 
-def test_a_grid_that_is_too_large_says_how_large() -> None:
+def test_a_grid_that_is_too_large_is_refused_with_its_size() -> None:
     with pytest.raises(BadInput, match=r"10000 x 10000 = 100,000,000 cells .*max_cells = 99"):
         geometry_for(np.zeros(2), np.full(2, 100.0), resolution_m=0.01, margin_m=0.0, max_cells=99)
 
@@ -106,7 +106,7 @@ def test_the_smallest_window_around_cells(flags: list[list[bool]]) -> None:
 
 
 @pytest.mark.parametrize("name", UPDATE_RULES)
-def test_what_a_cell_begins_with_is_what_its_rule_says(name: str) -> None:
+def test_a_cell_begins_with_the_value_of_its_rule(name: str) -> None:
     rule = UPDATE_RULES[name]
     cells = {key: np.full((1, 1), value) for key, value in rule.start.items()}
     assert rule.values(cells)[0, 0] == start_of(rule.kind)

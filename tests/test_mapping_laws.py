@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.config import Heard, MappingConfig, resolve_sensor
+from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.laws import MODEL_LAWS, RULE_LAWS, check_model, check_plugin, check_rule
 from mapping.laws.made_readings import random_reading
@@ -264,7 +264,7 @@ def test_the_worked_example_of_the_docs_keeps_the_laws_and_maps(tmp_path):
     config = MappingConfig.model_validate(
         {"sensors": {"*": {"model": "cone", "update": "hit-share"}}}
     )
-    sensor = resolve_sensor(Heard("ping", Radiation.ULTRASOUND), config, mounted=False)
+    sensor = resolve_sensor(ReportedSensor("ping", Radiation.ULTRASOUND), config, mounted=False)
     assert (sensor.model, sensor.update) == ("cone", "hit-share")
     grid = GridGeometry((-1.0, -1.0), 0.05, 40, 40)
     state = start(sensor.update, grid)

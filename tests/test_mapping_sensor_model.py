@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from naive_sensor_model import naive_arc_samples, naive_temp_grid
 
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, resolve_sensor
+from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.sensor_model import (
     RASTERISERS,
@@ -29,7 +29,7 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 
-PING = resolve_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+PING = resolve_sensor(ReportedSensor("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 GRID = GridGeometry((-1.0, -0.8), 0.05, 33, 41)
 CHAPTER_TABLE = """
 0.0004579600 0.0029082602 0.0073038205 0.0073038205 0.0029082602 0.0004579600

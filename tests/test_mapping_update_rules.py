@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, resolve_sensor
+from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
 from mapping.grid import GridGeometry, Window
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import (
@@ -27,7 +27,7 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 
-PING = resolve_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+PING = resolve_sensor(ReportedSensor("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 ROW = GridGeometry((0.0, 0.0), 0.1, 1, 8)
 
 

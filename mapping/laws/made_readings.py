@@ -8,7 +8,7 @@ import numpy as np
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, resolve_sensor
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.sensor_model import SENSOR_MODELS
 from mapping.sensor_model.cells import rasterise_cells
@@ -24,9 +24,9 @@ READINGS = 12
 
 def random_sensor(draw: Draw, model: str = "peak") -> Sensor:
     """A sensor with a random beam, error and shape of its model."""
-    heard = Heard("made", Radiation.ULTRASOUND)
+    reported = ReportedSensor("made", Radiation.ULTRASOUND)
     return replace(
-        resolve_sensor(heard, MappingConfig(), mounted=False),
+        resolve_sensor(reported, MappingConfig(), mounted=False),
         layer="made",
         model=model,
         beam_width_rad=float(draw.uniform(0.02, 2.0)),
