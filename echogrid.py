@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except OSError as error:
-        if error.errno not in NO_ROOM:  # all else is told by who knows more, or is a bug
+        if error.errno not in NO_ROOM:  # all else is reported by who knows more, or is a bug
             raise
         click.echo(f"echogrid: {error.strerror}", err=True)
         return 2

@@ -144,7 +144,7 @@ def main() -> None:
 
 def _map(session: Path, rrd: Path, *, watched: bool) -> None:
     probe = ["--probe", f"{WATCHED[0]},{WATCHED[1]}"] if watched else []
-    settings = [word for setting in SETTINGS for word in ("--set", setting)]
+    settings = [part for setting in SETTINGS for part in ("--set", setting)]
     _echogrid("map", str(session), "-o", str(rrd), *settings, *probe)
 
 
@@ -167,7 +167,7 @@ def _take_strip(rrd: Path, artifacts: Artifacts) -> None:
     """The three steps of one reading side by side: the map of its sensor in each."""
     merged = clearest_change(artifacts)
     beam = artifacts[merged - 2]
-    assert isinstance(beam, Beam), "a reading is a beam, what it says, and what it changed"
+    assert isinstance(beam, Beam), "a reading is a beam, its evidence, and what it changed"
     captions = (
         f"1  the sonar measures {beam.ranges_m[0]:.2f} m",
         "2  maybe there (red), not here (blue)",

@@ -1,6 +1,6 @@
 """The same maps while the messages come in: a stream that knows no end yet.
 
-What a finished session tells beforehand is found on the way: readings wait for their poses, and
+What a finished session holds beforehand is found on the way: readings wait for their poses, and
 the grid grows when a beam leaves it. A grown grid begins a new run of artifacts (a second
 :class:`~mapping.artifacts.Started`) with all readings so far merged into it in silence, so the
 maps are at each moment those that a finished session would have given.
@@ -36,7 +36,7 @@ def build_live_maps(
 ) -> Iterator[Artifact]:
     """Everything that comes about while messages arrive, until they end; then the results.
 
-    ``is_late()`` says that more messages wait than can be followed: readings are then merged
+    ``is_late()``: more messages wait than can be followed: readings are then merged
     without their intermediate artifacts, whose place a snapshot takes once the stream has caught
     up. Raises BadInput, at the end, when not one reading could be mapped.
     """

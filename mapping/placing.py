@@ -166,7 +166,7 @@ def place_reading(
     frames: FrameTree,
     config: MappingConfig,
 ) -> Beam | str:
-    """The beam, or in words why there is none."""
+    """The beam, or the reason why there is none."""
     ranges_m = _checked(reading, sensor)
     if isinstance(ranges_m, str):
         return ranges_m
@@ -202,7 +202,7 @@ def _checked(
     """Ranges (N,), +Inf: nothing seen, NaN: not usable; or why the whole reading is dropped."""
     if isinstance(reading, Scan):
         ranges = np.array(reading.ranges_m, np.float64)
-        # A beam that is not usable says nothing; one past the limit saw nothing.
+        # A beam that is not usable is no evidence; one past the limit saw nothing.
         ranges[~(ranges >= max(sensor.min_range_m, 1e-9))] = np.nan
         ranges[ranges >= sensor.max_range_m] = np.inf
         if np.isnan(ranges).all():

@@ -1,6 +1,6 @@
 """What a reading would have been, had the map so far been the room.
 
-Compared with what was measured it tells whether the map already knows the place: the two agree
+Compared with what was measured it shows whether the map already knows the place: the two agree
 where it does, and part where a wall is new, or where a reading is wrong.
 """
 

@@ -1,7 +1,7 @@
 """Why does this cell look as it does? One cell, followed through a run.
 
-A probe takes the artifacts as they come and keeps each reading that reached its cell: what the
-reading said there, and what the cell's belief was before and after.
+A probe takes the artifacts as they come and keeps each reading that reached its cell: what its
+evidence there was, and what the cell's belief was before and after.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Touch:
     """One reading that reached the cell, and its effect there.
 
     ``zone`` is where in the beam the cell's centre lies: in the band where the obstacle may be,
-    in the empty part before it, behind it (where the reading says nothing), or beside the beam
+    in the empty part before it, behind it (where the reading is no evidence), or beside the beam
     with the cell changed all the same. ``range_m`` is that of the beam's axis nearest to the cell
-    (+Inf: it saw nothing), ``distance_m`` from the sensor to the cell's centre. ``said``,
+    (+Inf: it saw nothing), ``distance_m`` from the sensor to the cell's centre. ``evidence``,
     ``before`` and ``after`` are probabilities of being occupied; NaN for a reading that ended
     before the cell, when no other had yet reached it.
     """
@@ -41,7 +41,7 @@ class Touch:
     range_m: float
     distance_m: float
     zone: str
-    said: float
+    evidence: float
     before: float
     after: float
 
@@ -55,7 +55,7 @@ class CellProbe:
     """Follows the cell that holds a point (x, y) of the map frame, metres.
 
     Call it with each artifact of a run. ``touches`` are the readings that reached the cell,
-    ``beliefs`` the newest probability of each layer that says anything of it, ``observed`` the
+    ``beliefs`` the newest probability of each layer that has evidence for it, ``observed`` the
     layers whose map holds the cell as seen.
     """
 
@@ -116,12 +116,12 @@ class CellProbe:
             return
         if zone != BEHIND:
             self.observed.add(merged.layer)
-        said = 0.5 if inside is None or self._temp is None else _said(self._temp, self.cell)
+        evidence = 0.5 if inside is None or self._temp is None else _evidence(self._temp, self.cell)
         self.touches.append(
             Touch(
                 reading=beam.number, t_ns=beam.t_ns, layer=merged.layer, sensor=beam.sensor,
                 range_m=float(beam.ranges_m[axis]), distance_m=distance, zone=zone or BESIDE,
-                said=said, before=before, after=after,
+                evidence=evidence, before=before, after=after,
             )
         )  # fmt: skip
 
@@ -156,7 +156,7 @@ def _inside(cell: tuple[int, int], window: Window) -> tuple[int, int] | None:
     return (row, col) if 0 <= row < window.rows and 0 <= col < window.cols else None
 
 
-def _said(temp: TempGrid, cell: tuple[int, int]) -> float:
+def _evidence(temp: TempGrid, cell: tuple[int, int]) -> float:
     here = _inside(cell, temp.window)
     return 0.5 if here is None else float(temp.probability[here])
 

@@ -17,7 +17,7 @@ from recorder.session import Session, read_session
 from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.comparison import Variant
-from replay.comparison_steps import Distances, Moment, in_step, readings_of
+from replay.comparison_steps import Distances, Moment, beams_of, in_step
 from replay.exports import Exporter, exporter_for
 from replay.mapping_run import (
     PROGRESS_EVERY,
@@ -86,11 +86,11 @@ def compare_session(
 def _counted(
     moments: Iterable[Moment], progress: Callable[[int, int], None] | None, total: int
 ) -> Iterator[Moment]:
-    """The moments, while ``progress`` is told how many readings have gone by."""
+    """The moments, while ``progress`` is called with how many readings have gone by."""
     readings = 0
     for moment in moments:
         yield moment
-        if readings_of(moment):
+        if beams_of(moment):
             readings += 1
             if progress is not None and readings % PROGRESS_EVERY == 0:
                 progress(readings, total)

@@ -38,7 +38,7 @@ SAME_PLACE_M = 1e-9  # what is nearer counts as the same pose
 _AFTER_ITS_READING, _AT_THE_END = 3.0, math.inf
 
 
-class Session:
+class SessionOrder:
     """Where each reading stands in the session, by sensor, time and which one of that time."""
 
     def __init__(self, messages: Iterable[Message]) -> None:
@@ -114,8 +114,8 @@ def in_step(
     ``messages`` are those that the runs were made from. Every artifact of every run comes exactly
     once, and those of one run in their own order.
     """
-    session = Session(messages)
-    placed = {name: session.places(run) for name, run in runs.items()}
+    order = SessionOrder(messages)
+    placed = {name: order.places(run) for name, run in runs.items()}
     heads = {name: head for name, run in placed.items() if (head := next(run, None)) is not None}
     while heads:
         furthest_back = min(place for place, _ in heads.values())
@@ -144,7 +144,7 @@ class Distances:
         self.last: dict[str, tuple[float, float]] = {}
 
     def take(self, moment: Moment) -> None:
-        """Look at one moment; those at which no reading begins tell nothing."""
+        """Look at one moment; those at which no reading begins are passed over."""
         if any(isinstance(artifact, Started) for artifact in moment.values()):
             self.first = next(iter(moment))
         beams = {name: a for name, a in moment.items() if isinstance(a, Beam)}
@@ -155,7 +155,7 @@ class Distances:
             self.last[name] = apart(here, beam.world_from_base)
             self.largest_m[name] = max(self.largest_m.get(name, 0.0), self.last[name][0])
 
-    def told(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """A sentence for each run whose robot is not where the first one has it."""
         return [
             f"{name}: the robot ends {self.last[name][0]:.3f} m and "
@@ -166,6 +166,6 @@ class Distances:
         ]
 
 
-def readings_of(moment: Moment) -> list[Beam]:
+def beams_of(moment: Moment) -> list[Beam]:
     """The beams of a moment at which a reading begins; none at any other."""
     return [artifact for artifact in moment.values() if isinstance(artifact, Beam)]

@@ -153,7 +153,7 @@ def layer_pgm(layer: Layer) -> bytes:
 def map_server_yaml(layer: Layer) -> str:
     """What nav2's map_server reads beside the picture; the origin is the lower left corner."""
     x, y = layer.geometry.origin_m
-    said = {
+    fields = {
         "image": f"{layer.name}.pgm",
         "mode": "trinary",
         "resolution": float(layer.geometry.resolution_m),
@@ -162,14 +162,14 @@ def map_server_yaml(layer: Layer) -> str:
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,
     }
-    text: str = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, allow_unicode=True)
+    text: str = yaml.safe_dump(fields, sort_keys=False, default_flow_style=None, allow_unicode=True)
     return text
 
 
 def borders_json(borders: Sequence[Border]) -> str:
     """A list of ``{"outer": bool, "cells": [[row, col], ...]}``, cells in trace order."""
-    said = [{"outer": bool(b.outer), "cells": b.cells.tolist()} for b in borders]
-    return json.dumps(said) + "\n"
+    content = [{"outer": bool(b.outer), "cells": b.cells.tolist()} for b in borders]
+    return json.dumps(content) + "\n"
 
 
 def points_csv(points: Sequence[RawPoints]) -> str:

@@ -37,7 +37,7 @@ SMALL_GRID = GridGeometry((-0.2, -0.3), 0.02, 90, 120)
 
 @dataclass
 class Belief:
-    """What the run so far says of each cell, and of the points that it saw."""
+    """The evidence of the run so far for each cell, and the points that it saw."""
 
     log_odds: np.ndarray
     observed: np.ndarray
@@ -59,7 +59,7 @@ class MadeRun:
     wall_margin_m: float = 0.2  # between the walls and the edge of the grid
     turn_rad: float = 0.61
     longest_m: float = math.inf  # something stands no further away than this
-    tell_walls: bool = True  # whether the run says where the walls are
+    knows_walls: bool = True  # whether the run knows where the walls are
 
     @property
     def walls_m(self) -> np.ndarray:
@@ -73,7 +73,7 @@ class MadeRun:
         """Everything that a run of the mapping stage would yield."""
         names = [name for name, _ in self.sensors]
         last_t_ns = FIRST_T_NS + (self.readings - 1) * STEP_NS
-        walls = self.walls_m if self.tell_walls else np.zeros((0, 2, 2))
+        walls = self.walls_m if self.knows_walls else np.zeros((0, 2, 2))
         yield Started(self.geometry, (*names, "fused"), walls, FIRST_T_NS, last_t_ns)
         beliefs = {
             name: Belief(np.zeros(self.geometry.shape), np.zeros(self.geometry.shape, bool))

@@ -87,7 +87,7 @@ def test_a_fitted_grid_holds_the_box_and_its_margin_on_a_multiple_of_the_resolut
     assert multiples == pytest.approx(np.round(multiples), abs=1e-6)
 
 
-def test_a_grid_that_is_too_large_says_how_large() -> None:
+def test_a_grid_that_is_too_large_is_refused_with_its_size() -> None:
     with pytest.raises(BadInput, match=r"10000 x 10000 = 100,000,000 cells .*max_cells = 99"):
         geometry_for(np.zeros(2), np.full(2, 100.0), resolution_m=0.01, margin_m=0.0, max_cells=99)
 

@@ -119,8 +119,8 @@ def test_walls_of_a_real_trace(shared_data: Path) -> None:
     """Nobody surveyed that arena: points near lines, lines on points, and not too many of them."""
     run = trace_run(shared_data / "comp4807" / "trace21.trc")
     for source, near in (("grid", 0.5), ("raw", 0.65)):
-        said = figures(run, SENSOR, source)
-        assert said.near > near
-        assert said.on_points > 0.9
-        assert said.per_metre < 2.3
+        quality = figures(run, SENSOR, source)
+        assert quality.near > near
+        assert quality.on_points > 0.9
+        assert quality.per_metre < 2.3
         assert max(line.length_m for line in run.lines(SENSOR, source)) > 1.3

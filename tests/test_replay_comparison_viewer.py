@@ -29,7 +29,7 @@ PATIENCE = 60  # how often a picture is asked for until it shows what it must
 MARGINS_M = {"wide": 0.15, "middle": 0.35, "small": 0.55}
 ROOMS = {
     name: MadeRun(
-        sensors=(("dirrs", 6.0),), readings=180, turn_rad=0.25, tell_walls=False,
+        sensors=(("dirrs", 6.0),), readings=180, turn_rad=0.25, knows_walls=False,
         wall_margin_m=margin_m,
     )
     for name, margin_m in MARGINS_M.items()

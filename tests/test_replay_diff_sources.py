@@ -51,7 +51,7 @@ KINDS = ("session", "rrd", "folder", "golden", "npz", "map")
 def test_one_run_is_the_same_as_itself(made: dict[str, Path], a: str, b: str) -> None:
     config = None if a != b or a != "session" else CONFIG
     if {a, b} <= {"session", "npz", "map"}:
-        config = CONFIG  # the other side does not tell how it was made
+        config = CONFIG  # the other side does not hold how it was made
     found = compare(made[a], made[b], config)
     assert not found.differs
     assert found.verdict.kind == SAME
@@ -86,9 +86,9 @@ def test_a_cell_changed_by_a_millionth_is_named_with_its_step(
     row, col = int(rows[7]), int(cols[7])
     before, after = change_cell(out / "ping.npz", row, col, 1e-6)
     assert main(["diff", str(made["rrd"]), str(out)]) == 1
-    said = capsys.readouterr().out
-    assert f"layer ping: 1 of {rows.size and stored_size(out)} cells differ; worst x " in said
-    assert f" m (row {row}, col {col} of A): {before:.3g} in A, {after:.3g} in B" in said
+    reported = capsys.readouterr().out
+    assert f"layer ping: 1 of {rows.size and stored_size(out)} cells differ; worst x " in reported
+    assert f" m (row {row}, col {col} of A): {before:.3g} in A, {after:.3g} in B" in reported
     assert main(["diff", str(made["rrd"]), str(out), "--tolerance", "2e-6", "--quiet"]) == 0
     # The step is the one at which the recording's grid took the value that it ends with.
     found = compare(made["rrd"], out)
@@ -100,7 +100,7 @@ def test_a_cell_changed_by_a_millionth_is_named_with_its_step(
     steps = sorted(values)
     assert all(values[s] == before for s in steps if s >= moment.step)
     assert values[steps[steps.index(moment.step) - 1]] != before
-    assert f"A wrote it last at step {moment.step} (reading {moment.reading} merged)" in said
+    assert f"A wrote it last at step {moment.step} (reading {moment.reading} merged)" in reported
 
 
 def test_one_of_several_maps_is_named(
@@ -113,8 +113,8 @@ def test_one_of_several_maps_is_named(
     assert main(["map", str(short), "-o", str(one), "--set", SETTING, "--quiet"]) == 0
     capsys.readouterr()
     assert main(["diff", str(one), str(rules)]) == 2
-    said = capsys.readouterr().err
-    assert said.endswith(f"holds several maps: bayes, himm; name one, as in {rules}#bayes\n")
+    reported = capsys.readouterr().err
+    assert reported.endswith(f"holds several maps: bayes, himm; name one, as in {rules}#bayes\n")
     assert main(["diff", str(one), f"{rules}#bayes"]) == 0
     assert f"B  {rules}#bayes (recording)\nverdict: same\n" in capsys.readouterr().out
     assert main(["diff", f"{rules}#bayes", f"{rules}#himm", "--quiet"]) == 1
@@ -271,7 +271,7 @@ def test_real_halves_are_one_room(shared_data: Path, tmp_path: Path) -> None:
         with SessionWriter(half) as writer:
             for i, record in enumerate(records):
                 static = record.topic == "/tf_static"
-                sonar = record.topic == "/range/ping"  # too blurred to tell anything; saves time
+                sonar = record.topic == "/range/ping"  # too blurred to decide anything; saves time
                 if static or (i * 2 // len(records) == k and not sonar):
                     writer.write(record.message, log_ns=record.log_ns)
         halves.append(half)
@@ -305,14 +305,14 @@ def test_echoes_outside_the_arena_are_no_walls(shared_data: Path, tmp_path: Path
         ("x.npz", b"", "not a NumPy archive"),
         ("x.yaml", b"a: [", "cannot be read as YAML"),
         ("x.yaml", b"a: 1", "no map of map_server"),
-        ("x.yaml", b"{image: x.pgm, resolution: -1, origin: [0, 0, 0]}", "say no place"),
+        ("x.yaml", b"{image: x.pgm, resolution: -1, origin: [0, 0, 0]}", "give no place"),
         ("x.yaml", b"{image: x.pgm, resolution: 1, origin: [0, 0, 1]}", "turned by 1 rad"),
         (
             "x.yaml",
             b"{image: x.pgm, resolution: 1, origin: [0, 0, 0]}",
             "cannot be read as a picture",
         ),
-        ("x.pgm", b"P5", "x.yaml that says where the map lies is missing"),
+        ("x.pgm", b"P5", "x.yaml that holds where the map lies is missing"),
         ("x.rrd", b"no recording", "cannot be read as a Rerun recording"),
         ("x.txt", b"", "not a map"),
     ],
@@ -375,10 +375,10 @@ def test_a_map_of_map_server_by_its_own_rules(tmp_path: Path) -> None:
 
     greys = np.array([[0, 254, 205, 89, 90]], np.uint8)  # 1 - 89/255 = 0.651, 1 - 90/255 = 0.647
     Image.fromarray(np.vstack([greys, 255 - greys])).save(tmp_path / "m.pgm")
-    said = "image: m.pgm\nresolution: 0.05\norigin: [-1, 2, 0]\nnegate: {}\n"
-    said += "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    reported = "image: m.pgm\nresolution: 0.05\norigin: [-1, 2, 0]\nnegate: {}\n"
+    reported += "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
     for negate in (0, 1):
-        (tmp_path / "m.yaml").write_text(said.format(negate))
+        (tmp_path / "m.yaml").write_text(reported.format(negate))
         (layer,) = open_map(tmp_path / "m.yaml").layers.values()
         upper = [OCCUPIED, FREE, UNKNOWN, OCCUPIED, UNKNOWN]
         assert layer.classes[1 - negate].tolist() == upper  # row 0 lies at the lowest y

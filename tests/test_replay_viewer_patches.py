@@ -83,8 +83,8 @@ class Patch:
 def patch_of(step: int, artifact: Artifact) -> Patch | None:
     """The reading's patch, if it is one of the sensor's."""
     if isinstance(artifact, TempGrid) and artifact.beam.layer == SENSOR:
-        said = artifact.band | artifact.free
-        return Patch(step, artifact.window, strength_classes(artifact.probability - 0.5, said))
+        touched = artifact.band | artifact.free
+        return Patch(step, artifact.window, strength_classes(artifact.probability - 0.5, touched))
     if isinstance(artifact, MergedGrid) and artifact.layer == SENSOR:
         difference = artifact.probability - artifact.previous
         return Patch(step, artifact.window, strength_classes(difference, difference != 0))
@@ -106,7 +106,7 @@ def all_over_the_map(artifacts: list[Artifact], kind: type[Artifact]) -> list[Pa
 
 
 def tinted(picture: NDArray[np.int_], scale: Scale, patch: Patch, occupied: bool) -> float | None:
-    """The share of the cells that say so which are red or blue; None for few cells.
+    """The share of those cells which are red or blue; None for few cells.
 
     Weak ones hardly differ from what lies below, so only clear ones count.
     """

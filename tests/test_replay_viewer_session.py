@@ -1,7 +1,7 @@
 """A session of ``logs/``, mapped by the real pipeline, in the real viewers: window and browser.
 
 The room is known (its true walls travel with the session), so that what one sees can be measured:
-dark cells lie on walls, the beam starts at the robot, changes are red and blue where the map says.
+dark cells lie on walls, the beam starts at the robot, changes red and blue where the map has them.
 """
 
 from __future__ import annotations

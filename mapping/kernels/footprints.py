@@ -28,7 +28,7 @@ _NEAR_EDGE = 1e-7
 def _in_beam(
     along: float, across: float, rho: float, sin_half: float, cos_half: float, half_rad: float
 ) -> bool:
-    """Is a place within the beam's half width? Angles only where a product cannot tell."""
+    """Is a place within the beam's half width? Angles only where a product is not sure."""
     # rho * sin(half - |angle|): positive inside, as both angles lie in 0 .. pi.
     inside = along * sin_half - abs(across) * cos_half
     if abs(inside) > _NEAR_EDGE * rho:
@@ -115,7 +115,7 @@ def fan(
     of ``turn_of``; ``axis_after[k]`` is the axis between border k and the next. The other arrays of
     axes are in the scan's own order. ``owner`` gets the axis of each cell found, ``in_band`` (zeros
     before) how many cells of its band an axis owns. An axis with negative ends owns its cells and
-    says nothing. Returns how many cells were found.
+    is no evidence. Returns how many cells were found.
     """
     sin_half, cos_half = math.sin(half_width_rad), math.cos(half_width_rad)
     farthest = 0.0

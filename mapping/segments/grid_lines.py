@@ -3,7 +3,7 @@
 A border runs through the centres of cells that lie inside what is solid, so every line comes out
 half a cell too deep; along a line that runs askew the steps of the border eat a part of that. Lines
 are therefore moved towards the free side, the right of the trace, by half a cell times the larger
-of the two components of their direction. What the border of a wall says twice is said once: pieces
+of the two components of their direction. What the border of a wall shows twice is kept once: pieces
 in one line are joined across borders, and the two faces of a thin wall become its centre line.
 """
 

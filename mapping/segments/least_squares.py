@@ -31,7 +31,7 @@ class FittedLine:
     """A line and the points (N, 2) that it was fitted to, in order along the chain.
 
     ``centre_m`` and ``along`` (a unit vector) are the line; ``start_m`` and ``end_m`` its ends,
-    in the points' order; ``corners`` tells which of them are crossings with a neighbour.
+    in the points' order; ``corners`` is which of them are crossings with a neighbour.
     """
 
     points_m: FloatArray

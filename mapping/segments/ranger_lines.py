@@ -84,7 +84,7 @@ def segments_of_ranger(
 def _distinct(
     points_m: FloatArray, sensor_positions_m: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Each finite place once, where it was seen first: a robot at rest says the same again."""
+    """Each finite place once, where it was seen first: a robot at rest measures the same again."""
     points, sensor_positions_m = (
         np.asarray(v, np.float64).reshape(-1, 2) for v in (points_m, sensor_positions_m)
     )

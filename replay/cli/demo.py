@@ -37,7 +37,7 @@ _SPEED = 4.0  # the demo's robot hurries, so that it has seen its room after som
 )
 @click.option("--no-view", is_flag=True, help="Do not open the viewer.")
 @click.option("--force", is_flag=True, help="Write into a folder that is not empty.")
-@click.option("--quiet", is_flag=True, help="Say nothing but errors.")
+@options.quiet
 def demo(
     output: Path | None, room: str, duration: float, seed: int, no_view: bool, force: bool,
     quiet: bool,

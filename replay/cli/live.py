@@ -75,8 +75,8 @@ def live(
             status |= map_and_report(
                 session, config, folder / "live.rrd", None, force=True, quiet=quiet
             )
-        elif result.end.told and not quiet:
-            click.echo(result.end.told)
+        elif result.end.report and not quiet:
+            click.echo(result.end.report)
         if web and sys.stdin is not None and sys.stdin.isatty():
             click.echo("the live map stays in the browser until Enter or Ctrl-C")
             with contextlib.suppress(KeyboardInterrupt, EOFError):

@@ -1,4 +1,4 @@
-"""Two sources → everything that can be said of how they differ."""
+"""Two sources → everything about how they differ."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Pairs = dict[str, tuple[MapLayer, MapLayer]]
 
 @dataclass(frozen=True, slots=True)
 class LayerReport:
-    """One layer of both sides. ``lines`` and ``borders`` are None where a side does not tell them.
+    """One layer of both sides. ``lines`` and ``borders`` are None where a side does not hold them.
 
     ``written_a`` and ``written_b``: the step at which the worst cell was last written, of sides
     that are recordings.
@@ -82,7 +82,7 @@ def compare(
 ) -> Report:
     """Compare two paths of any kind; sessions are mapped with ``config`` first.
 
-    Without ``config``, a session beside a source that tells its configuration is mapped with that.
+    Without ``config``, a session beside a source that holds its configuration is mapped with that.
     Cells differ beyond ``tolerance``, lines when an end moved further than ``line_tolerance_m``.
     Raises an EchogridError, in one line, for what cannot be read or compared.
     """
@@ -148,7 +148,7 @@ def _mapped(
 
 
 def config_of(source: Source) -> MappingConfig:
-    """The configuration that made a source; the default one where it does not tell."""
+    """The configuration that made a source; the default one where it does not hold it."""
     import tomllib
 
     from mapping.config import validate
@@ -166,7 +166,7 @@ def config_of(source: Source) -> MappingConfig:
 def paired(
     a: Source, b: Source, only: Sequence[str] = ()
 ) -> tuple[Pairs, tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Layers of one name; those that one side alone has; and what must be said.
+    """Layers of one name; those that one side alone has; and notes.
 
     A file of a single layer is compared with the layer of its name alone, or with the other side's
     only one. Raises BadInput where there is nothing to compare.
@@ -234,7 +234,7 @@ def _written(
 
 
 def _class_notes(pairs: Mapping[str, tuple[MapLayer, MapLayer]]) -> tuple[str, ...]:
-    """Said where classes are compared for want of a common unit."""
+    """A note where classes are compared for want of a common unit."""
     return tuple(
         f"layer {name}: A holds {a.kind}, B {b.kind}, so classes are compared"
         for name, (a, b) in pairs.items()

@@ -25,7 +25,7 @@ class Readings:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class ReceivedReading:
     """What a reading was: its sensor, its own time, and its (nearest) range in metres."""
 
     sensor: str
@@ -41,8 +41,8 @@ class Divergence:
 
     reading: int
     layer: str
-    a: Heard | None
-    b: Heard | None
+    a: ReceivedReading | None
+    b: ReceivedReading | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,13 +89,13 @@ class _Growing:
             self._grids[merged.layer] = np.full(merged.geometry.shape, start, np.float32)
         return self._grids[merged.layer]
 
-    def heard(self, reading: Readings | None) -> Heard | None:
+    def received(self, reading: Readings | None) -> ReceivedReading | None:
         if reading is None:
             return None
         beam, first = reading.beam, self.first_t_ns
         ranges = beam.ranges_m[np.isfinite(beam.ranges_m)]
         at = beam.world_from_sensor
-        return Heard(
+        return ReceivedReading(
             beam.sensor, beam.t_ns, (beam.t_ns - (first or beam.t_ns)) / 1e9,
             float(ranges.min()) if ranges.size else None, (at.x_m, at.y_m, at.heading_rad),
         )  # fmt: skip
@@ -123,7 +123,7 @@ def walk_in_step(
         for reading in (one, other):
             if reading is not None and _part(left, right, reading.merged, tolerance):
                 layer = reading.merged.layer
-                found = Divergence(number, layer, left.heard(one), right.heard(other))
+                found = Divergence(number, layer, left.received(one), right.received(other))
                 break
     return found
 

@@ -46,8 +46,8 @@ class MapLayer:
     ``classes`` hold UNKNOWN, FREE or OCCUPIED; ``rule`` is empty where the source does not tell it.
     A map that knows nothing else has its values empty,
     and ``reclass`` brings another layer to the classes as such a file would have written them.
-    ``beam_width_rad`` is that of the layer's sensor, where the source tells it.
-    Lines and borders are None where the source does not tell them.
+    ``beam_width_rad`` is that of the layer's sensor, where the source holds it.
+    Lines and borders are None where the source does not hold them.
     """
 
     name: str
@@ -105,8 +105,8 @@ class History(Protocol):
 class Source:
     """Everything that one side of a comparison brings.
 
-    ``what`` says in a word or two what it is; ``single`` that it is a file of one layer;
-    ``config_toml`` the configuration that made it, where it is told; ``notes`` what must be said.
+    ``what`` is its kind for people; ``single`` that it is a file of one layer;
+    ``config_toml`` the configuration that made it, where it is known; ``notes`` for people.
     """
 
     path: Path

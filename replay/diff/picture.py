@@ -1,9 +1,9 @@
 """One picture of a comparison: for each layer A, B and their difference side by side.
 
 Greys are probabilities as everywhere (white free, black occupied); what was never seen is
-blue-grey. In the difference, red cells are more occupied in B and blue ones more free,
-over the walls that
-both share in grey. Walls that changed are outlined, and so is the cell that differs most.
+blue-grey. In the difference, red cells are more occupied in B and blue ones more free, over the
+walls that both share in grey. Walls that changed are outlined, and so is the cell that differs
+most.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def draw(report: Report) -> Image.Image:
     rows = [_row(layer, report) for layer in chosen]
     font = _font()
     width = max(row.width for row in rows)
-    verdict = _wrapped("verdict: " + report.verdict.words, width - 2 * _GAP_PX, font)
+    verdict = _wrapped("verdict: " + report.verdict.text, width - 2 * _GAP_PX, font)
     head = [f"A: {report.a.path.name}   B: {report.b.path.name}", *verdict]
     line = _TEXT_PX + 7
     legend = _legend(width)
@@ -128,7 +128,7 @@ def difference_pixels(pair: Aligned) -> Pixels:
     away = distances(pair.a_values, pair.b_values)
     sign = np.sign(np.nan_to_num(np.asarray(pair.b_values, np.float64) - pair.a_values))
     if pair.by_class:
-        # From unknown to free is more free; the codes alone would say more occupied.
+        # From unknown to free is more free; by the codes alone it would be more occupied.
         order = np.array([0.5, 0.0, 1.0])
         sign = np.sign(order[pair.b_classes] - order[pair.a_classes])
     largest = float(np.max(away, initial=0.0, where=np.isfinite(away)))
@@ -178,7 +178,7 @@ def _mark(
     def stroke(ends: Ends, colour: tuple[int, int, int]) -> None:
         pen.line([pixel(*end) for end in ends], fill=colour, width=4)
 
-    for change in report.verdict.changes if _tells(layer, report) else ():
+    for change in report.verdict.changes if _has_changes(layer, report) else ():
         if change.from_m:
             stroke(change.from_m, _GONE)
         if change.to_m:
@@ -189,7 +189,7 @@ def _mark(
         pen.ellipse((x - r, y - r, x + r, y + r), outline=_WORST, width=3)
 
 
-def _tells(layer: LayerReport, report: Report) -> bool:
+def _has_changes(layer: LayerReport, report: Report) -> bool:
     return any(change.layer == layer.name for change in report.verdict.changes)
 
 

@@ -17,7 +17,7 @@ from mapping.artifacts import Artifact, MergedGrid, Snapshot, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config_text import commented_toml
 from replay.comparison import Variant
-from replay.comparison_steps import Distances, Moment, readings_of
+from replay.comparison_steps import Distances, Moment, beams_of
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.columns import ColumnBuffer, Stamp
@@ -103,7 +103,7 @@ class ComparisonWriter(RrdWriter):
         self._flush()
 
     def _advance(self, moment: Moment) -> None:
-        beams = readings_of(moment)
+        beams = beams_of(moment)
         stamp = self._canvas.stamp
         stamp = Stamp(stamp.step + 1, stamp.reading, stamp.t_ns)
         if beams:

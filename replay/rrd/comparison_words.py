@@ -24,8 +24,9 @@ from mapping.artifacts import (
 from mapping.beams import Beam
 from replay.comparison import Variant
 from replay.comparison_steps import SAME_PLACE_M, Distances, Moment, apart
-from replay.comparison_table import comparison_lines, footnotes, shown_layer, table_of
+from replay.comparison_table import footnotes, map_rows, shown_layer, table_of
 from replay.rrd import words
+from replay.tables import markdown_table
 
 Some = TypeVar("Some")
 Row = Sequence[object]
@@ -208,11 +209,11 @@ def _finished(moment: Moment, told: Told) -> str:
     if finals:
         thresholds = {n: v.config.borders.threshold for n, v in told.variants.items()}
         layer = shown_layer(finals)
-        lines = comparison_lines(finals, layer, thresholds)
+        lines = map_rows(finals, layer, thresholds)
         head, *rows = table_of(lines)
         parts = [f"## The maps {layer}, compared", _table(head, rows), *footnotes(lines), ""]
         text = "\n\n".join(parts)
-    away = "\n".join(f"- {line}" for line in told.distances.told())
+    away = "\n".join(f"- {line}" for line in told.distances.sentences())
     return "\n\n".join(part for part in (text, away, _each(moment), told.left_out) if part)
 
 
@@ -234,5 +235,4 @@ def _each(moment: Moment) -> str:
 
 
 def _table(head: Row, rows: Sequence[Row]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join("| " + " | ".join(str(cell) for cell in line) + " |" for line in lines)
+    return markdown_table([head, *rows])

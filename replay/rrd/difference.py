@@ -20,7 +20,7 @@ from recorder.outputs import written_beside
 from replay.diff.comparing import LayerReport, Report
 from replay.diff.layers import Line
 from replay.diff.picture import difference_pixels, map_pixels
-from replay.diff.words import summary
+from replay.diff.report_text import summary
 from replay.rrd import layout
 from replay.rrd.blueprints import whole_grid
 

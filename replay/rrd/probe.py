@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished, MergedGrid, Snapshot, Started
 from mapping.probing import BEHIND, CellProbe, Touch
-from replay import probe_words
+from replay import probe_text
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.columns import Stamp
@@ -53,7 +53,7 @@ class ProbeOverlay:
         new = probe.touches[self._told[number] :]
         self._told[number] = len(probe.touches)
         for touch in new:
-            line = probe_words.touch_line(touch)
+            line = probe_text.touch_text(touch)
             canvas.add(layout.probe_log(number), _log_lines, (line, _level(touch)), len(line))
         if not isinstance(artifact, Finished):
             layer = artifact.layer if isinstance(artifact, MergedGrid) else artifact.layer.name
@@ -62,8 +62,8 @@ class ProbeOverlay:
             self._write(canvas, number, probe)
         if not new:
             return ""
-        line = probe_words.touch_line(new[-1])
-        return f"**Your cell at {probe_words.name_of(probe)}**: {line}."
+        line = probe_text.touch_text(new[-1])
+        return f"**Your cell at {probe_text.name_of(probe)}**: {line}."
 
     def _plot(
         self, canvas: Canvas, number: int, probe: CellProbe, layer: str, new: Sequence[Touch]
@@ -80,7 +80,7 @@ class ProbeOverlay:
         canvas.add(entity, columns.scalars, 100 * probe.beliefs[layer])
 
     def _write(self, canvas: Canvas, number: int, probe: CellProbe) -> None:
-        text = probe_words.story(probe, self._layers)
+        text = probe_text.explanation(probe, self._layers)
         canvas.add(layout.probe_story(number), columns.texts, text, len(text))
 
 

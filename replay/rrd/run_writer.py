@@ -10,7 +10,7 @@ import rerun.blueprint as rrb
 from mapping.artifacts import Started
 from mapping.config import MappingConfig
 from mapping.probing import CellProbe
-from replay.probe_words import name_of
+from replay.probe_text import name_of
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.display_layers import DisplayOverlay
 from replay.rrd.overlays import Overlay

@@ -16,6 +16,7 @@ from mapping.borders import threshold_layer, trace_borders
 from mapping.config import BordersSection
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
+from replay.tables import markdown_table
 
 
 class ThresholdsOverlay:
@@ -32,10 +33,10 @@ class ThresholdsOverlay:
         if not isinstance(artifact, Snapshot) or not self._thresholds:
             return ""
         rows = [self._draw_one(canvas, artifact, threshold) for threshold in self._thresholds]
-        head = ["Above each threshold:\n", "| threshold | cells | borders |", "|---|---|---|"]
-        return "\n".join([*head, *rows])
+        table = markdown_table([("threshold", "cells", "borders"), *rows])
+        return f"Above each threshold:\n\n{table}"
 
-    def _draw_one(self, canvas: Canvas, snapshot: Snapshot, threshold: float) -> str:
+    def _draw_one(self, canvas: Canvas, snapshot: Snapshot, threshold: float) -> tuple[str, ...]:
         layer = snapshot.layer
         root = layout.compared(layer.name, threshold)
         canvas.prepare(root, functools.partial(_set_up, threshold=threshold))
@@ -49,7 +50,7 @@ class ThresholdsOverlay:
         entity = f"{root}/borders"
         canvas.prepare(entity, scene.set_up_borders)
         canvas.add(entity, columns.strips, strips, sum(strip.nbytes for strip in strips))
-        return f"| {threshold:g} | {int(occupied.sum()):,} | {len(borders):,} |"
+        return f"{threshold:g}", f"{int(occupied.sum()):,}", f"{len(borders):,}"
 
 
 def _set_up(recording: rr.RecordingStream, root: str, *, threshold: float) -> None:

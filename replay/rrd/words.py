@@ -28,6 +28,7 @@ from mapping.artifacts import (
 from mapping.beams import Beam
 from mapping.grid import GridGeometry, Window
 from replay.rrd import layout
+from replay.tables import markdown_table
 
 LEGEND = """\
 **The map** (grey): white is free, black is occupied, blue-grey was never seen. Point at a cell to
@@ -198,11 +199,11 @@ def _thresholded(thresholded: Thresholded) -> str:
 def _classes(classes: Classes) -> str:
     counts = np.bincount(classes.codes.ravel(), minlength=len(classes.names))
     rows = [
-        f"| {name} | {layout.class_colour_name(name, number)} | {count:,} |"
+        (name, layout.class_colour_name(name, number), f"{count:,}")
         for number, (name, count) in enumerate(zip(classes.names, counts, strict=False))
     ]
-    head = ["## Where the sensors agree\n", "| class | drawn in | cells |", "|---|---|---|"]
-    return "\n".join([*head, *rows])
+    table = markdown_table([("class", "drawn in", "cells"), *rows])
+    return f"## Where the sensors agree\n\n{table}"
 
 
 def _border(border: Border) -> str:

@@ -178,5 +178,5 @@ def _geometry(path: Path, arrays: Arrays, values: Values) -> GridGeometry:
     except (TypeError, ValueError):
         raise BadInput(f"{path}: its origin_m or resolution_m are no numbers") from None
     if not (np.isfinite([x, y, resolution_m]).all() and resolution_m > 0.0):
-        raise BadInput(f"{path}: its origin_m or resolution_m say no place")
+        raise BadInput(f"{path}: its origin_m or resolution_m give no place")
     return GridGeometry((x, y), resolution_m, *values.shape)

@@ -39,9 +39,9 @@ class RecordedSteps:
 
     def grids(self, layer: str) -> Iterator[tuple[Moment, Values]]:
         """Each step at which the layer's values are exact, with the whole grid."""
-        said = {step.step: step for step in self.recording.steps}
+        steps = {step.step: step for step in self.recording.steps}
         for number, grid in self.recording.grids(layer):
-            step = said.get(number)
+            step = steps.get(number)
             reading, artifact = (step.reading, step.artifact) if step else (0, "")
             yield Moment(number, reading, artifact), grid
 

@@ -1,4 +1,4 @@
-"""A comparison in lines for people, and as plain values for programs."""
+"""A report on a comparison, in lines for people, and as plain values for programs."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 from mapping.artifacts import MergedGrid, Snapshot
 from replay.diff.cells import Cell
 from replay.diff.comparing import LayerReport, Report
-from replay.diff.divergence import Divergence, Heard, StepDivergence
+from replay.diff.divergence import Divergence, ReceivedReading, StepDivergence
 from replay.diff.layers import Line, Moment
 from replay.diff.lines import BorderFigures, LineFigures
 from replay.json_values import json_object, json_value
@@ -26,7 +26,7 @@ def summary(report: Report) -> list[str]:
     lines = [
         f"A  {report.a.path} ({report.a.what})",
         f"B  {report.b.path} ({report.b.what})",
-        f"verdict: {report.verdict.words}",
+        f"verdict: {report.verdict.text}",
     ]
     lines += [f"note: {note}" for note in report.notes]
     for name, side in ((report.only_a, "A"), (report.only_b, "B")):
@@ -46,8 +46,8 @@ def _layer_lines(layer: LayerReport) -> list[str]:
         head = f"layer {layer.name}: all {cells.compared:,} cells agree"
     else:
         head = f"layer {layer.name}: {cells.differ:,} of {cells.compared:,} cells differ; worst "
-        head += _cell_words(cells.worst[0])
-        head += _written_words(layer)
+        head += _cell_text(cells.worst[0])
+        head += _written_text(layer)
     lines = [head]
     if cells.differ:
         iou = "none are occupied" if cells.occupied_iou is None else f"{cells.occupied_iou:.3f}"
@@ -62,34 +62,34 @@ def _layer_lines(layer: LayerReport) -> list[str]:
         if extra.differ
     ]
     if layer.lines is not None:
-        lines.append("  lines: " + _line_words(layer.lines))
+        lines.append("  lines: " + _line_text(layer.lines))
         lines += _line_places(layer.lines)
     if layer.borders is not None:
-        lines.append("  borders: " + _border_words(layer.borders))
+        lines.append("  borders: " + _border_text(layer.borders))
     return lines
 
 
-def _cell_words(cell: Cell) -> str:
+def _cell_text(cell: Cell) -> str:
     place = f"x {cell.x_m:.3f} m, y {cell.y_m:.3f} m (row {cell.row}, col {cell.col} of A): "
     return place + _both(cell.a, cell.b)
 
 
 def _both(a: float | str, b: float | str) -> str:
-    """Both values, to three digits, and how far apart they are where those do not tell."""
+    """Both values, to three digits, and how far apart they are where those look alike."""
     one, two = (value if isinstance(value, str) else f"{value:.3g}" for value in (a, b))
-    words = f"{one} in A, {two} in B"
+    text = f"{one} in A, {two} in B"
     if one == two and not isinstance(a, str) and not isinstance(b, str):
-        words += f", {abs(b - a):.3g} apart"
-    return words
+        text += f", {abs(b - a):.3g} apart"
+    return text
 
 
-def _written_words(layer: LayerReport) -> str:
-    said = [
+def _written_text(layer: LayerReport) -> str:
+    written = [
         f"{side} wrote it last at {_moment(moment)}"
         for side, moment in (("A", layer.written_a), ("B", layer.written_b))
         if moment is not None
     ]
-    return "".join(f"; {each}" for each in said)
+    return "".join(f"; {each}" for each in written)
 
 
 def _moment(moment: Moment) -> str:
@@ -107,9 +107,9 @@ def _near_lines(layer: LayerReport) -> list[str]:
     ]
 
 
-def _line_words(lines: LineFigures) -> str:
-    words = f"{lines.same} the same, {len(lines.moved)} moved, "
-    return words + f"{len(lines.appeared)} only in B, {len(lines.vanished)} only in A"
+def _line_text(lines: LineFigures) -> str:
+    text = f"{lines.same} the same, {len(lines.moved)} moved, "
+    return text + f"{len(lines.appeared)} only in B, {len(lines.vanished)} only in A"
 
 
 def _line_places(lines: LineFigures) -> list[str]:
@@ -118,8 +118,8 @@ def _line_places(lines: LineFigures) -> list[str]:
         f"{m.ends_m:.3f} m: {_line(m.a)} -> {_line(m.b)}"
         for m in lines.moved[:_SHOWN]
     ]
-    for word, some in (("only in B", lines.appeared), ("only in A", lines.vanished)):
-        out += [f"    {word}: {_line(each)}" for each in some[:_SHOWN]]
+    for where, some in (("only in B", lines.appeared), ("only in A", lines.vanished)):
+        out += [f"    {where}: {_line(each)}" for each in some[:_SHOWN]]
     return out
 
 
@@ -128,12 +128,12 @@ def _line(line: Line) -> str:
     return f"({x0:.3f}, {y0:.3f})-({x1:.3f}, {y1:.3f}) m ({line.source})"
 
 
-def _border_words(borders: BorderFigures) -> str:
-    words = f"{borders.same} the same, {len(borders.moved)} moved"
+def _border_text(borders: BorderFigures) -> str:
+    text = f"{borders.same} the same, {len(borders.moved)} moved"
     if borders.moved:
         most = borders.moved[0]
-        words += f" (up to {most.most_m:.3f} m, at ({most.at_m[0]:.2f}, {most.at_m[1]:.2f}) m)"
-    return words + f", {len(borders.appeared_m)} only in B, {len(borders.vanished_m)} only in A"
+        text += f" (up to {most.most_m:.3f} m, at ({most.at_m[0]:.2f}, {most.at_m[1]:.2f}) m)"
+    return text + f", {len(borders.appeared_m)} only in B, {len(borders.vanished_m)} only in A"
 
 
 def _divergence_lines(divergence: Divergence) -> list[str]:
@@ -142,18 +142,18 @@ def _divergence_lines(divergence: Divergence) -> list[str]:
     )
     return [
         f"the maps part {when}, in layer {divergence.layer}",
-        *(f"  {s}: {_heard(h)}" for s, h in (("A", divergence.a), ("B", divergence.b))),
+        *(f"  {s}: {_received(h)}" for s, h in (("A", divergence.a), ("B", divergence.b))),
     ]
 
 
-def _heard(heard: Heard | None) -> str:
-    if heard is None:
+def _received(received: ReceivedReading | None) -> str:
+    if received is None:
         return "no such reading: the session ended before"
-    range_m = "saw nothing" if heard.range_m is None else f"{heard.range_m:.4f} m"
-    x, y, heading = heard.world_from_sensor
+    range_m = "saw nothing" if received.range_m is None else f"{received.range_m:.4f} m"
+    x, y, heading = received.world_from_sensor
     return (
-        f"{heard.sensor} {range_m}, {heard.since_start_s:.3f} s after the first reading, from "
-        f"({x:.4f}, {y:.4f}) m at {math.degrees(heading):.2f} deg"
+        f"{received.sensor} {range_m}, {received.since_start_s:.3f} s after the first reading, "
+        f"from ({x:.4f}, {y:.4f}) m at {math.degrees(heading):.2f} deg"
     )
 
 
@@ -167,13 +167,13 @@ def _step_line(divergence: StepDivergence) -> str:
 
 
 def as_json(report: Report) -> dict[str, Any]:
-    """The same as values that JSON can say; numbers that are not finite become text."""
+    """The same as values that JSON can hold; numbers that are not finite become text."""
     return {
         "a": {"path": str(report.a.path), "what": report.a.what},
         "b": {"path": str(report.b.path), "what": report.b.what},
         "differs": report.differs,
         "verdict": report.verdict.kind,
-        "words": report.verdict.words,
+        "words": report.verdict.text,
         "wall_changes": json_value(report.verdict.changes),
         "notes": list(report.notes),
         "only_in_a": list(report.only_a),
