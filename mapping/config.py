@@ -254,12 +254,12 @@ def _in_one_line(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         return f"unknown key {'.'.join(path)}{_nearest_key(path)}"
     if first["type"] == "tuple_type":
-        said = "numbers in square brackets are wanted, as in [1.5, 2]"
+        reason = "numbers in square brackets are wanted, as in [1.5, 2]"
     elif first["type"] == "missing":  # of a list of numbers; keys all have a default
-        said = "a number is missing"
+        reason = "a number is missing"
     else:
-        said = first["msg"].lower()
-    return f"{'.'.join(path)}: {said} (not {first['input']!r})"
+        reason = first["msg"].lower()
+    return f"{'.'.join(path)}: {reason} (not {first['input']!r})"
 
 
 def _nearest_key(path: list[str]) -> str:

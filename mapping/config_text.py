@@ -35,11 +35,11 @@ def explained_toml(config: MappingConfig) -> str:
 def _sensor_line(key: str, description: str, annotation: Any) -> str:
     entries = {name: {**parameter_defaults(), **keys} for name, keys in BUILT_IN_SENSORS.items()}
     of_each = {name: _shown(keys[key]) for name, keys in entries.items() if key in keys}
-    told = ", ".join(f"{name} {value}" for name, value in of_each.items())
+    defaults = ", ".join(f"{name} {value}" for name, value in of_each.items())
     if len(set(of_each.values())) == 1:
-        told = f"default {next(iter(of_each.values()))}"
-    told = f" ({told})" if told else ""
-    return f"# {key} =    # {_with_choices(key, description, annotation)}{told}\n"
+        defaults = f"default {next(iter(of_each.values()))}"
+    defaults = f" ({defaults})" if defaults else ""
+    return f"# {key} =    # {_with_choices(key, description, annotation)}{defaults}\n"
 
 
 def _shown(value: Any) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import pickle
 from collections.abc import Iterator
 from dataclasses import replace
@@ -177,7 +178,7 @@ def test_every_step_of_the_recording_has_the_values_that_it_had(
 
 def changed(grids: list[np.ndarray]) -> list[np.ndarray]:
     """Without those that are as the one before."""
-    pairs = zip(grids, grids[1:], strict=False)
+    pairs = itertools.pairwise(grids)
     return grids[:1] + [now for before, now in pairs if not np.array_equal(before, now)]
 
 
