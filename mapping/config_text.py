@@ -47,11 +47,11 @@ def _sensor_line(
     usual: Mapping[str, Mapping[str, Any]], key: str, description: str, annotation: Any
 ) -> str:
     of_each = {name: _shown(keys[key]) for name, keys in usual.items() if key in keys}
-    told = ", ".join(f"{name} {value}" for name, value in of_each.items())
+    defaults = ", ".join(f"{name} {value}" for name, value in of_each.items())
     if len(set(of_each.values())) == 1:
-        told = f"default {next(iter(of_each.values()))}"
-    told = f" ({told})" if told else ""
-    return f"# {key} =    # {_with_choices(key, description, annotation)}{told}\n"
+        defaults = f"default {next(iter(of_each.values()))}"
+    defaults = f" ({defaults})" if defaults else ""
+    return f"# {key} =    # {_with_choices(key, description, annotation)}{defaults}\n"
 
 
 def _shown(value: Any) -> str:

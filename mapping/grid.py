@@ -137,7 +137,7 @@ class Layer:
     ``values`` (rows, cols) float32 are in the update rule's own unit, named by ``kind``
     (``probability``, ``count``, ``odds``, ``mass``, ``certainty``, ``sum``, ``binary``);
     ``probability`` (rows, cols) float32 is what thresholds, fusion and map files use.
-    ``observed`` tells the cells that any reading ever touched. ``extra`` holds further arrays of
+    ``observed`` are the cells that any reading ever touched. ``extra`` holds further arrays of
     the rule, by name (Dempster-Shafer's masses and conflict).
     """
 

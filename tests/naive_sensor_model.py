@@ -209,9 +209,9 @@ def naive_arc_samples(beam, sensor, geometry):
             col = math.floor((x - geometry.origin_m[0]) / geometry.resolution_m)
             row = math.floor((y - geometry.origin_m[1]) / geometry.resolution_m)
             if in_band:
-                said = in_the_band(sensor, rho, alpha, d, start, end, half)
+                evidence = in_the_band(sensor, rho, alpha, d, start, end, half)
             else:
-                said = in_front(sensor, rho, alpha, start, half)
-            samples.append((row, col, said, in_band))
+                evidence = in_front(sensor, rho, alpha, start, half)
+            samples.append((row, col, evidence, in_band))
             k += 1
     return samples

@@ -72,7 +72,7 @@ def test_random_readings_are_worth_trying():
     assert any(abs(temp.beam.world_from_sensor.heading_rad) > np.pi for temp in temps)
 
 
-# --- what is wrong is caught, in words ---------------------------------------------------------
+# --- what is wrong is caught, in a sentence ----------------------------------------------------
 
 
 class TextbookBayes(UpdateRule):
@@ -92,8 +92,8 @@ class LastWord(TextbookBayes):
     name = "last-word"
 
     def merge(self, cells, temp):
-        said = temp.probability != 0.5
-        cells["belief"][said] = temp.probability[said]
+        touched = temp.probability != 0.5
+        cells["belief"][touched] = temp.probability[touched]
 
 
 class Spills(TextbookBayes):
@@ -162,7 +162,7 @@ class Writes(TextbookBayes):
         (Writes(), "only covered cells change", "raised ValueError"),
     ],
 )
-def test_a_wrong_rule_is_told_so(rule, law, words):
+def test_a_wrong_rule_is_found(rule, law, words):
     findings = broken(check_rule(rule))
     assert words in findings[law]
     assert all("\n" not in text for text in findings.values())
@@ -215,7 +215,7 @@ class BehindItself(SensorModel):
 
 
 class Moody(SensorModel):
-    """Says something else each time that it is asked."""
+    """Gives something else each time that it is asked."""
 
     name = "moody"
 
@@ -233,13 +233,17 @@ class Moody(SensorModel):
         (OneSided(), "the temp grid mirrors across the beam", "against"),
         (Relative(), "each cell is judged by itself", "among 20 cells"),
         (TooSure(), "every cell gets one probability", "1.5 for a cell"),
-        (UpsideDown(), "the band speaks for the obstacle, the front against it", "0.6 in front of"),
+        (
+            UpsideDown(),
+            "the band speaks for the obstacle, the front against it",
+            "0.6 in front of",
+        ),
         (OneNumber(), "every cell gets one probability", "() probabilities for (200,) cells"),
         (BehindItself(), "the band lies at the range", "1.5 before"),
         (Moody(), "the temp grid turns with the beam", "cells differ"),
     ],
 )
-def test_a_wrong_model_is_told_so(model, law, words):
+def test_a_wrong_model_is_found(model, law, words):
     findings = broken(check_model(model))
     assert words in findings[law]
 

@@ -80,9 +80,9 @@ def test_the_chapters_table_of_36_values():
 def test_the_table_of_36_values_comes_out_of_a_reading():
     sensor = replace(PING, model="regions", regions=6, gaussian="both", emptiness="none")
     temp = make_temp_grid(beam_of(1.5), sensor, GridGeometry((-0.5, -1.0), 0.005, 400, 500))
-    said = np.unique(np.round(2.0 * temp.probability[temp.band] - 1.0, 10))
+    evidence = np.unique(np.round(2.0 * temp.probability[temp.band] - 1.0, 10))
     expected = np.unique(np.array(CHAPTER_TABLE.split(), float))
-    np.testing.assert_allclose(said, expected, atol=1e-8)
+    np.testing.assert_allclose(evidence, expected, atol=1e-8)
     assert temp.probability.max() == pytest.approx(0.5582428486, abs=1e-8)
 
 
@@ -206,9 +206,9 @@ def test_without_an_error_the_map_is_the_point_map(model):
     (row, col), *more = np.argwhere(whole(temp, temp.band, False))
     assert not more
     np.testing.assert_array_equal(GRID.cells_of(beam.points_m)[0], [row, col])
-    said = whole(temp, temp.probability, 0.5)
-    assert (said != 0.5).sum() == 1
-    assert said[row, col] == pytest.approx(0.7 if model == "peak" else 0.5582428486, abs=1e-8)
+    evidence = whole(temp, temp.probability, 0.5)
+    assert (evidence != 0.5).sum() == 1
+    assert evidence[row, col] == pytest.approx(0.7 if model == "peak" else 0.5582428486, abs=1e-8)
 
 
 def test_a_narrow_beam_between_the_centres_marks_the_obstacles_cell():
@@ -289,13 +289,13 @@ def test_arcs_are_like_the_chapters_loops(case):
     temp = make_temp_grid(beam, sensor, ARC_GRID)
     expected = np.full(ARC_GRID.shape, np.nan)
     band = np.zeros(ARC_GRID.shape, bool)
-    for row, col, said, in_band in naive_arc_samples(beam, sensor, ARC_GRID):
-        expected[row, col], band[row, col] = said, in_band  # setCell: the last one stays
-    said = whole(temp, temp.probability, 0.5)
+    for row, col, evidence, in_band in naive_arc_samples(beam, sensor, ARC_GRID):
+        expected[row, col], band[row, col] = evidence, in_band  # setCell: the last one stays
+    evidence = whole(temp, temp.probability, 0.5)
     touched = whole(temp, temp.band | temp.free, False)
     # Rounding may carry a sample on a border into the next cell or region: a few may.
     differing = (touched != np.isfinite(expected)) | (whole(temp, temp.band, False) != band)
-    differing |= touched & ~(np.abs(said - np.where(touched, expected, 0.5)) < 1e-9)
+    differing |= touched & ~(np.abs(evidence - np.where(touched, expected, 0.5)) < 1e-9)
     assert differing.sum() <= 0.01 * touched.sum()
 
 
@@ -307,7 +307,7 @@ def test_arcs_agree_with_cells_up_to_the_sampling_error(case):
     Where a model is steep the two differ by what it changes within a cell; over a reading that
     evens out. For beams and bands of at least seven cells: the Gaussian code's step misses at most
     0.5 % of the covered cells, the simple one at most 5 %; on average a cell differs by at most
-    15 % of the strongest that the reading says, and so does what it says in sum, band and front.
+    15 % of the strongest evidence of the reading, and so does its sum, band and front.
     """
     sensor, beam = case
     arcs = make_temp_grid(beam, sensor, ARC_GRID)

@@ -41,11 +41,11 @@ def beam_of(d, *, x=0.05, y=0.05, heading=0.0, width=0.02, bearings=(0.0,), reac
 
 
 def temp_of(probability, band=None, geometry=ROW, window=None):
-    """A temp grid that says just this of the first row of cells."""
-    said = np.atleast_2d(np.array(probability, float))
-    band = said > 0.5 if band is None else np.atleast_2d(band)
-    window = window or Window(0, 0, *said.shape)
-    return TempGrid(beam_of(math.nan), geometry, window, said, band, ~band & (said != 0.5))
+    """A temp grid with just this evidence for the first row of cells."""
+    evidence = np.atleast_2d(np.array(probability, float))
+    band = evidence > 0.5 if band is None else np.atleast_2d(band)
+    window = window or Window(0, 0, *evidence.shape)
+    return TempGrid(beam_of(math.nan), geometry, window, evidence, band, ~band & (evidence != 0.5))
 
 
 def merged(rule, readings):
@@ -149,18 +149,18 @@ def test_the_merging_kernel_is_like_its_twin():
     from mapping.kernels import merging
 
     belief = draw.uniform(-13.8, 13.8, (30, 40))
-    said = np.where(draw.random((30, 40)) < 0.3, 0.5, draw.random((30, 40)))
-    said[0, :3] = [0.0, 1.0, 1e-300]
+    evidence = np.where(draw.random((30, 40)) < 0.3, 0.5, draw.random((30, 40)))
+    evidence[0, :3] = [0.0, 1.0, 1e-300]
     expected = belief.copy()
     for row in range(30):
         for col in range(40):
-            p = said[row, col]
+            p = evidence[row, col]
             if p == 0.0 or p == 1.0:
                 step = 13.8 if p else -13.8
             else:
                 step = max(-13.8, min(13.8, math.log(p / (1 - p))))
             expected[row, col] = max(-13.8, min(13.8, belief[row, col] + step))
-    merging.add_log_odds(belief, said, 13.8)
+    merging.add_log_odds(belief, evidence, 13.8)
     np.testing.assert_allclose(belief, expected, atol=1e-12)
 
 
@@ -322,13 +322,13 @@ def _only_by_rounding(points, grid):
 def test_one_spot_100_000_times_is_neither_nan_nor_stuck(rule):
     """Certain and uncertain readings alike; afterwards the opposite moves what listens to it."""
     cells = {k: np.full((1, 4), v) for k, v in UPDATE_RULES[rule].start.items()}
-    said, other = temp_of([1.0, 0.7, 0.3, 0.0]), temp_of([0.0, 0.3, 0.7, 1.0])
+    evidence, other = temp_of([1.0, 0.7, 0.3, 0.0]), temp_of([0.0, 0.3, 0.7, 1.0])
     himm_sensor = replace(PING, model="peak", range_error=0.0)
     if rule == "himm":
-        said = make_temp_grid(beam_of(0.3), himm_sensor, ROW)
+        evidence = make_temp_grid(beam_of(0.3), himm_sensor, ROW)
         other = make_temp_grid(beam_of(0.3, x=0.35, heading=math.pi), himm_sensor, ROW)
     for _ in range(100_000):
-        UPDATE_RULES[rule].merge(cells, said)
+        UPDATE_RULES[rule].merge(cells, evidence)
     before = UPDATE_RULES[rule].values(cells).copy()
     assert np.isfinite(before).all()
     probability = UPDATE_RULES[rule].probability(cells, float(before.max()))

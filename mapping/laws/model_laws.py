@@ -69,28 +69,28 @@ def band_is_a_band(model: SensorModel, draw: Draw) -> str | None:
     return None
 
 
-def says_probabilities(model: SensorModel, draw: Draw) -> str | None:
+def gives_probabilities(model: SensorModel, draw: Draw) -> str | None:
     """Every cell gets one probability, a number from 0 to 1."""
     for sensor, beam_cells in _seen(model, draw):
-        said = np.asarray(model.occupied(sensor, beam_cells))
-        if said.shape != beam_cells.rho_m.shape:
-            return f"{said.shape} probabilities for {beam_cells.rho_m.shape} cells"
-        wrong = ~((said >= 0.0) & (said <= 1.0))
+        given = np.asarray(model.occupied(sensor, beam_cells))
+        if given.shape != beam_cells.rho_m.shape:
+            return f"{given.shape} probabilities for {beam_cells.rho_m.shape} cells"
+        wrong = ~((given >= 0.0) & (given <= 1.0))
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
-            return f"{said[k]:g} for a cell {_place(beam_cells, k)}"
+            return f"{given[k]:g} for a cell {_place(beam_cells, k)}"
     return None
 
 
-def band_speaks_for_the_obstacle(model: SensorModel, draw: Draw) -> str | None:
+def band_is_evidence_for_the_obstacle(model: SensorModel, draw: Draw) -> str | None:
     """Nothing in the band is below 0.5, and nothing in front of it above."""
     for sensor, beam_cells in _seen(model, draw):
-        said = model.occupied(sensor, beam_cells)
-        wrong = np.where(beam_cells.in_band, said < 0.5 - ROUNDING, said > 0.5 + ROUNDING)
+        given = model.occupied(sensor, beam_cells)
+        wrong = np.where(beam_cells.in_band, given < 0.5 - ROUNDING, given > 0.5 + ROUNDING)
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
             where = "in the band" if beam_cells.in_band[k] else "in front of the band"
-            return f"{said[k]:.4g} {where}, for a cell {_place(beam_cells, k)}"
+            return f"{given[k]:.4g} {where}, for a cell {_place(beam_cells, k)}"
     return None
 
 
@@ -138,7 +138,7 @@ def _on_the_whole_grid(temp: TempGrid) -> Floats:
 
 
 def each_cell_for_itself(model: SensorModel, draw: Draw) -> str | None:
-    """What is said of a cell depends on that cell alone, and is the same each time."""
+    """What a cell is given depends on that cell alone, and is the same each time."""
     for sensor, beam_cells in _seen(model, draw):
         all_at_once = np.array(model.occupied(sensor, beam_cells))
         some = np.sort(draw.permutation(beam_cells.rho_m.size)[:20])
@@ -163,8 +163,8 @@ def _place(beam_cells: CellsInBeam, k: int) -> str:
 ModelLaw = Callable[[SensorModel, Draw], "str | None"]
 MODEL_LAWS: dict[str, ModelLaw] = {
     "the band lies at the range": band_is_a_band,
-    "every cell gets one probability": says_probabilities,
-    "the band speaks for the obstacle, the front against it": band_speaks_for_the_obstacle,
+    "every cell gets one probability": gives_probabilities,
+    "the band speaks for the obstacle, the front against it": band_is_evidence_for_the_obstacle,
     "the temp grid mirrors across the beam": mirrors_across_the_beam,
     "the temp grid turns with the beam": turns_with_the_beam,
     "each cell is judged by itself": each_cell_for_itself,

@@ -1,7 +1,7 @@
-"""One beam → its temp grid: what this reading alone says of each cell.
+"""One beam → its temp grid: the evidence of this reading alone for each cell.
 
-Two tables name what there is: ``SENSOR_MODELS`` (what is said) and ``RASTERISERS`` (of which cells
-it is said).
+Two tables name what there is: ``SENSOR_MODELS`` (how strong the evidence is) and ``RASTERISERS``
+(for which cells).
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[Floats, Floats]:
 
 
 def make_temp_grid(beam: Beam, sensor: Sensor, geometry: GridGeometry) -> TempGrid:
-    """What one reading says of each cell of the rectangle that its beam covers.
+    """The evidence of one reading for each cell of the rectangle that its beam covers.
 
     Raises BadInput where the sensor names a model, a rasteriser or regions that do not exist.
     """

@@ -25,7 +25,7 @@ class Spans:
     """Of each axis, (N,) metres: its range, and where its band begins and ends.
 
     An axis that saw nothing has its front up to the sensor's reach and no band (an end of -1); one
-    that says nothing at all begins at -1, too.
+    without evidence of any kind begins at -1, too.
     """
 
     range_m: Floats

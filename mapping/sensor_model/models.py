@@ -1,6 +1,6 @@
-"""What a reading says of a cell: the sensor models, behind one small interface.
+"""The evidence of a reading for a cell: the sensor models, behind one small interface.
 
-A model tells where the band of a reading lies, and how likely each cell that the beam covers is
+A model states where the band of a reading lies, and how likely each cell that the beam covers is
 occupied. It never sees a grid, only distances and angles, so every rasteriser can use it. A model
 of your own is a class with a ``name`` and an ``occupied``; see docs/plugins.md.
 """
@@ -129,7 +129,7 @@ class SensorModel(Configurable):
 
 
 def emptiness(kind: str, t: Floats) -> Floats:
-    """q in front of the band, -1 (surely empty) .. 0 (nothing said), at t = 0 .. 1 of the way."""
+    """q in front of the band, -1 (surely empty) .. 0 (no evidence), at t = 0 .. 1 of the way."""
     if kind == "constant":
         return np.full_like(t, -1.0)
     if kind == "linear":
@@ -168,7 +168,7 @@ class Regions(SensorModel):
             "both", description="which of the two errors are Gaussian"
         )
         emptiness: Literal["none", "constant", "linear", "combined"] = Field(
-            "combined", description="what is said of the cells in front of the band"
+            "combined", description="how free the cells in front of the band are"
         )
 
     def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
@@ -196,7 +196,7 @@ class Peak(SensorModel):
 
 
 class Fading(SensorModel):
-    """A wall lies on the arc or behind it, and far readings say less; the same over the beam."""
+    """A wall lies on the arc or behind it, and far readings count less; the same over the beam."""
 
     name = "fading"
 

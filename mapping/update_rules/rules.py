@@ -213,7 +213,7 @@ class Odds(Bayes):
 
 
 class DempsterShafer(UpdateRule):
-    """Masses for occupied, empty and unknown; ``conflict`` tells where readings contradicted.
+    """Masses for occupied, empty and unknown; ``conflict`` is where readings contradicted.
 
     A temp grid's p means the masses max(0, 2p - 1), max(0, 1 - 2p) and the rest. The conflict is
     1 - product of (1 - K) over the readings: after one contradiction it is K itself, and in any
@@ -227,8 +227,10 @@ class DempsterShafer(UpdateRule):
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         touched = temp.probability != 0.5
-        said = 2.0 * temp.probability[touched] - 1.0
-        reading = floored(np.maximum(said, 0.0), np.maximum(-said, 0.0), 1.0 - np.abs(said))
+        evidence = 2.0 * temp.probability[touched] - 1.0
+        reading = floored(
+            np.maximum(evidence, 0.0), np.maximum(-evidence, 0.0), 1.0 - np.abs(evidence)
+        )
         o, e, u = (cells[name][touched] for name in ("occupied", "empty", "unknown"))
         occupied, empty, unknown, conflict = combine_masses((o, e, u), reading)
         o, e, u = floored(occupied, empty, unknown)
