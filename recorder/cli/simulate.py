@@ -37,7 +37,7 @@ from recorder.cli import options
     "--sensors",
     default="ping,dirrs",
     show_default=True,
-    help="Of ping (sonar), dirrs (infrared) and lidar, with commas between.",
+    help="Kinds, or names that hold them (tfmini_left), with commas between: docs/sensors.md.",
 )
 @click.option(
     "--route",
