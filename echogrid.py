@@ -43,8 +43,8 @@ def show(
     width: int | str = "auto",
     height: int | str = 720,
 ) -> Any:
-    """A recording, or what a run came to, as a widget for a notebook: see ``replay.notebook``."""
-    from replay.notebook import show as show_in_notebook
+    """A recording, or what a run came to, as a notebook widget: see ``replay.rrd.notebook``."""
+    from replay.rrd.notebook import show as show_in_notebook
 
     return show_in_notebook(run, width=width, height=height)
 

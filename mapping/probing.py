@@ -116,7 +116,10 @@ class CellProbe:
             return
         if zone != BEHIND:
             self.observed.add(merged.layer)
-        evidence = 0.5 if inside is None or self._temp is None else _evidence(self._temp, self.cell)
+        here = (
+            None if inside is None or self._temp is None else _inside(self.cell, self._temp.window)
+        )
+        evidence = 0.5 if here is None or self._temp is None else self._temp.probability[here]
         self.touches.append(
             Touch(
                 reading=beam.number, t_ns=beam.t_ns, layer=merged.layer, sensor=beam.sensor,
@@ -127,15 +130,12 @@ class CellProbe:
 
     def _zone(self, beam: Beam, axis: int, angle: float, distance: float) -> str | None:
         """Where in the newest beam the cell lies; None where the reading did not reach it."""
-        temp = self._temp
-        for part in () if temp is None else (temp, *temp.sub_grids):
-            here = _inside(self.cell, part.window)
-            if here is not None and part.band[here]:
-                return OBSTACLE
-        for part in () if temp is None else (temp, *temp.sub_grids):
-            here = _inside(self.cell, part.window)
-            if here is not None and part.free[here]:
-                return EMPTY
+        grids = () if self._temp is None else (self._temp, *self._temp.sub_grids)
+        parts = [(grid, _inside(self.cell, grid.window)) for grid in grids]
+        if any(here is not None and grid.band[here] for grid, here in parts):
+            return OBSTACLE
+        if any(here is not None and grid.free[here] for grid, here in parts):
+            return EMPTY
         within = angle <= beam.beam_width_rad / 2.0 + _TOLERANCE_RAD
         behind = beam.ranges_m[axis] < distance <= beam.reach_m
         return BEHIND if within and behind else None
@@ -154,11 +154,6 @@ def _inside(cell: tuple[int, int], window: Window) -> tuple[int, int] | None:
     """The cell's index in an array over the window."""
     row, col = cell[0] - window.row0, cell[1] - window.col0
     return (row, col) if 0 <= row < window.rows and 0 <= col < window.cols else None
-
-
-def _evidence(temp: TempGrid, cell: tuple[int, int]) -> float:
-    here = _inside(cell, temp.window)
-    return 0.5 if here is None else float(temp.probability[here])
 
 
 def _in_beam(beam: Beam, point_m: tuple[float, float]) -> tuple[int, float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +17,9 @@ from recorder.session import Session, read_session
 from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.comparison import Variant
-from replay.comparison_steps import Distances, Moment, beams_of, in_step
+from replay.comparison_steps import Distances, beams_of, in_step
 from replay.exports import Exporter, exporter_for
-from replay.mapping_run import (
-    PROGRESS_EVERY,
-    RunResult,
-    reading_count,
-    result_of,
-)
+from replay.mapping_run import RunResult, reading_count, result_of, with_progress
 
 if TYPE_CHECKING:
     from replay.rrd.comparison import ComparisonWriter
@@ -65,7 +60,8 @@ def compare_session(
         if writer is not None:
             stack.enter_context(writer)
         moments = in_step(runs, session.messages())
-        for moment in _counted(moments, progress, reading_count(session)):
+        total = reading_count(session)
+        for moment in with_progress(moments, lambda m: bool(beams_of(m)), progress, total):
             if writer is not None:
                 writer.take(moment)
             for name, artifact in moment.items():
@@ -81,21 +77,6 @@ def compare_session(
         for name, collector in collectors.items()
     }
     return Comparison(results, distances)
-
-
-def _counted(
-    moments: Iterable[Moment], progress: Callable[[int, int], None] | None, total: int
-) -> Iterator[Moment]:
-    """The moments, while ``progress`` is called with how many readings have gone by."""
-    readings = 0
-    for moment in moments:
-        yield moment
-        if beams_of(moment):
-            readings += 1
-            if progress is not None and readings % PROGRESS_EVERY == 0:
-                progress(readings, total)
-    if progress is not None:
-        progress(total, total)  # those that were dropped came to no beam
 
 
 def _begun(session: Session, variant: Variant) -> Iterator[Artifact]:

@@ -84,23 +84,24 @@ def _nth(sensor: str, t_ns: int, seen: Counter[tuple[str, int]]) -> Reading:
 
 def _place_of_result(artifact: Artifact, reading: float, layers: Mapping[str, int]) -> Place | None:
     """The stages after a reading, in the order in which the method takes them, layer by layer."""
-    order = {**layers, FUSED: len(layers)}
+
+    def of_layer(stage: float, name: str, *rank: float) -> Place:
+        return (*after, stage, float({**layers, FUSED: len(layers)}.get(name, 0)), *rank)
+
     after = (reading, _AFTER_ITS_READING)
     match artifact:
         case Classes():
             return (*after, 0.0)
         case Snapshot():
-            return (*after, 1.0, order.get(artifact.layer.name, 0))
+            return of_layer(1.0, artifact.layer.name)
         case Thresholded():
-            return (*after, 2.0, order.get(artifact.layer, 0), 0.0)
+            return of_layer(2.0, artifact.layer, 0.0)
         case Border():
-            return (*after, 2.0, order.get(artifact.layer, 0), 1.0)
-        case Segment(source="grid"):
-            return (*after, 2.0, order.get(artifact.layer, 0), 2.0)
-        case RawPoints():
-            return (*after, 3.0, order.get(artifact.layer, 0), 0.0)
+            return of_layer(2.0, artifact.layer, 1.0)
         case Segment():
-            return (*after, 3.0, order.get(artifact.layer, 0), 1.0)
+            return of_layer(2.0 if artifact.source == "grid" else 3.0, artifact.layer, 2.0)
+        case RawPoints():
+            return of_layer(3.0, artifact.layer, 0.0)
         case Finished():
             return (*after, 4.0)
     return None

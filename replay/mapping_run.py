@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.beams import Beam
@@ -25,9 +25,10 @@ from replay.exports import exporter_for
 if TYPE_CHECKING:
     from replay.rrd.run_writer import RunWriter
 
+Step = TypeVar("Step")
 Taker = Callable[[Artifact], None]
 
-PROGRESS_EVERY = 50  # readings
+_PROGRESS_EVERY = 50  # readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +80,11 @@ def map_session(
         if rrd is not None:
             writer = stack.enter_context(_writer(rrd, config, path.name, watched))
             takers.append(writer)
-        _run(itertools.chain([first], artifacts), takers, progress, reading_count(session))
+        steps = itertools.chain([first], artifacts)
+        total = reading_count(session)
+        for artifact in with_progress(steps, lambda a: isinstance(a, Beam), progress, total):
+            for take in takers:
+                take(artifact)
     if exporter is not None:
         exporter.close()
     left_out = "" if writer is None else writer.left_out
@@ -92,21 +97,20 @@ def _writer(rrd: Path, config: MappingConfig, name: str, probes: Sequence[CellPr
     return RunWriter(rrd, config, config_text=commented_toml(config), name=name, probes=probes)
 
 
-def _run(
-    artifacts: Iterable[Artifact],
-    takers: Sequence[Taker],
+def with_progress(
+    steps: Iterable[Step],
+    begins_reading: Callable[[Step], bool],
     progress: Callable[[int, int], None] | None,
     total: int,
-) -> None:
-    for artifact in artifacts:
-        for take in takers:
-            take(artifact)
-        if (
-            progress is not None
-            and isinstance(artifact, Beam)
-            and artifact.number % PROGRESS_EVERY == 0
-        ):
-            progress(artifact.number, total)
+) -> Iterator[Step]:
+    """The steps of a run, while ``progress`` is called with how many readings have gone by."""
+    readings = 0
+    for step in steps:
+        yield step
+        if progress is not None and begins_reading(step):
+            readings += 1
+            if readings % _PROGRESS_EVERY == 0:
+                progress(readings, total)
     if progress is not None:
         progress(total, total)  # those that were dropped came to no beam
 
