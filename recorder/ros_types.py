@@ -154,10 +154,6 @@ def _transform_fields(m: Any) -> dict[str, Any]:
     return {"transforms": [{**stamped, "transform": transform}]}
 
 
-def _raw_fields(m: Any) -> dict[str, Any]:
-    return {"data": m.text}
-
-
 def _diagnostics_fields(m: Any) -> dict[str, Any]:
     values = [{"key": key, "value": str(value)} for key, value in m.counters.items()]
     status = {"level": 0, "name": m.name, "message": "", "hardware_id": "", "values": values}
@@ -170,7 +166,7 @@ _TYPES: dict[type, tuple[str, Callable[[Any], dict[str, Any] | bytes]]] = {
     Range: ("sensor_msgs/msg/Range", _range_cdr),
     Scan: ("sensor_msgs/msg/LaserScan", _scan_fields),
     Transform: ("tf2_msgs/msg/TFMessage", _transform_fields),
-    RawLine: ("std_msgs/msg/String", _raw_fields),
+    RawLine: ("std_msgs/msg/String", lambda m: {"data": m.text}),
     Diagnostics: ("diagnostic_msgs/msg/DiagnosticArray", _diagnostics_fields),
 }
 

@@ -76,20 +76,17 @@ class Tracker:
                 yield read_pose(line, event.arrival_ns, self._units_per_m)
 
 
-def open_tracker(
-    url: str, *, clock: Clock, px_per_m: float | None = None, wait: bool = False
-) -> Tracker:
+def open_tracker(url: str, *, clock: Clock, px_per_m: float | None = None) -> Tracker:
     """A tracker at ``tcp://HOST:PORT`` (we connect) or ``udp://HOST:PORT`` (we listen).
 
     ``px_per_m``: it sends pixels, so many a metre. It is connected at once, LinkError if that
-    fails, unless ``wait`` is set; BadInput on an address or a scale that cannot be.
+    fails; BadInput on an address or a scale that cannot be.
     """
     if not url.startswith(("tcp://", "udp://")):
         raise BadInput(f"{url}: a tracker is tcp://HOST:PORT or udp://HOST:PORT")
-    link = Link(url, clock=clock, wait=wait)
+    link = Link(url, clock=clock)
     tracker = Tracker(link, px_per_m=px_per_m)
-    if not wait:
-        link.open()
+    link.open()
     return tracker
 
 

@@ -1,4 +1,4 @@
-"""Sessions to be said again."""
+"""Sessions to be played back."""
 
 from __future__ import annotations
 

@@ -302,7 +302,6 @@ def test_what_a_line_can_carry() -> None:
     pose = Pose(START_NS, SE2(1.0, 2.0, 3.0))
     records = records_of([(START_NS + 1, m) for m in (mount, head, reading, nothing, scan, pose)])
     playback = playback_of(records)
-    assert not playback.raw
     assert playback.left_out == {"/scan/lidar": 1}
     hello, turned, seen, unseen = reports_of(playback)
     assert isinstance(hello, HelloReport)

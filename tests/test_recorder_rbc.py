@@ -117,7 +117,7 @@ def test_hands_are_shaken_until_packets_come() -> None:
     assert protocol.greeting() == b"\x0a"
     assert protocol.greeting() == b"\x0a"
     assert protocol.feed(b"\x08") == [answered]
-    assert protocol.greeting() == b"\x0a"  # our 11 got lost: the robot says nothing
+    assert protocol.greeting() == b"\x0a"  # our 11 got lost: the robot sends nothing
     assert protocol.feed(b"\x08") == [answered]
     protocol.feed(BOTH)
     assert protocol.greeting() == b""
@@ -136,8 +136,8 @@ def test_a_robot_that_was_reset_is_greeted_anew() -> None:
     for _ in range(20):
         assert protocol.greeting() == b""
         protocol.feed(BOTH)
-    said = [protocol.greeting() for _ in range(7)]
-    assert said == [b"", b"", b"", b"", b"", b"\x0a", b"\x0a"]
+    sent = [protocol.greeting() for _ in range(7)]
+    assert sent == [b"", b"", b"", b"", b"", b"\x0a", b"\x0a"]
     assert protocol.feed(b"\x08")[0].reply == b"\x0b"
 
 

@@ -35,6 +35,7 @@ _OPTIONS = (
     click.option("--tracker", help="Poses as JSON lines: tcp://HOST:PORT or udp://HOST:PORT."),
     click.option(
         "--tracker-px-per-m",
+        "px_per_m",
         type=options.Number(min=0, min_open=True),
         help="Pixels a metre, of a tracker that sends pixels; default: it sends metres.",
     ),
@@ -62,6 +63,7 @@ _OPTIONS = (
     ),
     click.option(
         "--duration",
+        "duration_s",
         type=options.Number(min=0, max=_LONGEST_S),
         help="Seconds to record; default: until q or Ctrl-C.",
     ),
@@ -169,20 +171,12 @@ def _options_of(choices: dict[str, Any], *, force: bool) -> RecordingOptions:
     )
     from recorder.session import Limits
 
+    as_they_are = ("protocol", "columns", "baud", "tracker", "px_per_m", "duration_s")
     return RecordingOptions(
-        protocol=choices["protocol"],
-        columns=choices["columns"],
-        baud=choices["baud"],
-        tracker=choices["tracker"],
-        px_per_m=choices["tracker_px_per_m"],
-        duration_s=choices["duration"],
+        **{name: choices[name] for name in as_they_are},
         force=force,
         wheels=None if choices["wheels"] is None else parse_wheels(choices["wheels"]),
         mounts=tuple(parse_mount(mount) for mount in choices["mounts"]),
         sensors=dict(parse_sensor(sensor) for sensor in choices["sensors"]),
-        limits=Limits(
-            split_mb=choices["split_mb"],
-            split_s=choices["split_s"],
-            min_free_mb=choices["min_free_mb"],
-        ),
+        limits=Limits(choices["split_mb"], choices["split_s"], choices["min_free_mb"]),
     )

@@ -8,7 +8,7 @@ What no line can carry (scans, odometry without wheel counts) is left out and co
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 from recorder.clock import NS_PER_MS, NS_PER_S
@@ -42,12 +42,10 @@ class Transmission:
 class Playback:
     """All that is sent again of a session, in the order in which it arrived.
 
-    ``raw``: the bytes are those of the device itself. ``left_out`` counts messages by topic that
-    cannot be sent.
+    ``left_out`` counts messages by topic that cannot be sent.
     """
 
     transmissions: tuple[Transmission, ...]
-    raw: bool
     left_out: Mapping[str, int]
 
     @property
@@ -68,51 +66,46 @@ def playback_of(records: Iterable[Record], *, poses_in_line: bool = False) -> Pl
     Raises BadInput where there is nothing to send.
     """
     ordered = sorted(records, key=lambda record: record.log_ns)
-    raw = any(isinstance(record.message, RawLine) for record in ordered)
-    if raw:
-        sent, left_out = _as_it_came(ordered)
+    left_out: Counter[str] = Counter()
+    if any(isinstance(record.message, RawLine) for record in ordered):
+        sent = list(_as_it_came(ordered))
     else:
-        sent, left_out = _encoded(ordered, poses_in_line=poses_in_line)
+        sent = list(_encoded(ordered, left_out, poses_in_line=poses_in_line))
     if not sent:
         raise BadInput("the session holds nothing that a device or a tracker would send")
-    return Playback(tuple(sent), raw, dict(left_out))
+    return Playback(tuple(sent), dict(left_out))
 
 
-def _as_it_came(records: list[Record]) -> tuple[list[Transmission], Counter[str]]:
+def _as_it_came(records: list[Record]) -> Iterator[Transmission]:
     """The raw lines; and the poses, unless the lines carry these too."""
-    sent: list[Transmission] = []
-    left_out: Counter[str] = Counter()
     texts = (r.message.text for r in records if isinstance(r.message, RawLine))
     tracked = not any(text.startswith("$POS,") for text in texts)
     for record in records:
         match record.message:
             case RawLine():
-                sent.append(Transmission(record.log_ns, record.message.text.encode("latin-1")))
+                yield Transmission(record.log_ns, record.message.text.encode("latin-1"))
             case Pose() if tracked:
-                sent.append(Transmission(record.log_ns, record.message))
+                yield Transmission(record.log_ns, record.message)
             case _:
                 pass  # it follows from the lines, or from how they are recorded
-    return sent, left_out
 
 
 def _encoded(
-    records: list[Record], *, poses_in_line: bool
-) -> tuple[list[Transmission], Counter[str]]:
-    sent: list[Transmission] = []
-    left_out: Counter[str] = Counter()
+    records: list[Record], left_out: Counter[str], *, poses_in_line: bool
+) -> Iterator[Transmission]:
+    """Lines of a device that measured the same, and poses; what no line carries is counted."""
     device = _Device(min((r.message.t_ns for r in records), default=0))
     for record in records:
         message = record.message
         report = _report(message)
         if isinstance(message, Pose) and not poses_in_line:
-            sent.append(Transmission(record.log_ns, message))
+            yield Transmission(record.log_ns, message)
         elif report is not None:
             if device.silent:
-                sent.append(Transmission(record.log_ns, device.line(HELLO, message.t_ns)))
-            sent.append(Transmission(record.log_ns, device.line(report, message.t_ns)))
+                yield Transmission(record.log_ns, device.line(HELLO, message.t_ns))
+            yield Transmission(record.log_ns, device.line(report, message.t_ns))
         elif not (isinstance(message, Diagnostics) or _is_mount(message)):
             left_out[record.topic] += 1
-    return sent, left_out
 
 
 def _report(message: Message) -> Report | None:

@@ -11,7 +11,7 @@ import threading
 import typing
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from recorder.clock import NS_PER_S, Clock
 from recorder.link import ByteSource, LinkEvent, LinkState, Received
@@ -72,7 +72,7 @@ def record(
     """
     translator = Translator(sensors=sensors, wheels=wheels)
     screen = None if on_status is None else _Screen(on_status, status_period_s)
-    loop = _Loop(session, protocol, translator, clock, screen, send, pause)
+    loop = _Loop(session, protocol, translator, clock.now_ns(), screen, send, pause)
     loop.begin(mounts, duration_s)
     feeds: dict[str, Callable[[threading.Event], Iterable[_Event]]] = {"link": source.events}
     if tracker is not None:
@@ -120,37 +120,33 @@ class _Screen:
             self._on_status = None
 
 
+@dataclass(slots=True)
 class _Loop:
     """One recording: writes, counts, and reports once a second how it goes."""
 
-    def __init__(
-        self,
-        session: SessionSink,
-        protocol: Protocol,
-        translator: Translator,
-        clock: Clock,
-        screen: _Screen | None,
-        send: Callable[[bytes], object] | None,
-        pause: threading.Event | None,
-    ) -> None:
-        self._session = session
-        self._protocol = protocol
-        self._translator = translator
-        self._screen = screen
-        self._send = send
-        self._pause = pause
-        self._paused = False
-        self._protocol_failed = False
-        self._now_ns = self._start_ns = self._reported_ns = clock.now_ns()
-        self._end_ns: int | None = None
-        self._ended = ""
-        self._failure = ""
-        self._link_up = False
-        self._latest: dict[str, Range] = {}
-        self._readings: Counter[str] = Counter()
-        self._rate_hz: dict[str, float] = {}
-        self._cadences: defaultdict[str, Cadence] = defaultdict(Cadence)
-        self._pose: Pose | None = None
+    _session: SessionSink
+    _protocol: Protocol
+    _translator: Translator
+    _now_ns: int
+    _screen: _Screen | None
+    _send: Callable[[bytes], object] | None
+    _pause: threading.Event | None
+    _start_ns: int = 0
+    _reported_ns: int = 0
+    _end_ns: int | None = None
+    _paused: bool = False
+    _protocol_failed: bool = False
+    _ended: str = ""
+    _failure: str = ""
+    _link_up: bool = False
+    _latest: dict[str, Range] = field(default_factory=dict)
+    _readings: Counter[str] = field(default_factory=Counter)
+    _rate_hz: dict[str, float] = field(default_factory=dict)
+    _cadences: defaultdict[str, Cadence] = field(default_factory=lambda: defaultdict(Cadence))
+    _pose: Pose | None = None
+
+    def __post_init__(self) -> None:
+        self._start_ns = self._reported_ns = self._now_ns
 
     @property
     def ended(self) -> bool:

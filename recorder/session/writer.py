@@ -91,11 +91,6 @@ class SessionWriter:
             thread.start()
 
     @property
-    def path(self) -> Path:
-        """Where the session will stand when it is closed."""
-        return self._path
-
-    @property
     def size_bytes(self) -> int:
         """The size of the file if it were closed now, at most, but for the index at its end."""
         return self._written_bytes + self._open_bytes
