@@ -27,7 +27,7 @@ from replay.mapping_run import (
 )
 
 if TYPE_CHECKING:
-    from replay.rrd.comparison import ComparisonWriter
+    from replay.rrd.writer import RrdWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def compare_session(
         moments = in_step(runs, session.messages())
         for moment in _counted(moments, progress, reading_count(session)):
             if writer is not None:
-                writer.take(moment)
+                writer(moment)
             for name, artifact in moment.items():
                 if exporters:
                     exporters[name](artifact)
@@ -122,12 +122,12 @@ def _exporters(
     }
 
 
-def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> ComparisonWriter | None:
+def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> RrdWriter[Moment] | None:
     if rrd is None:
         return None
-    from replay.rrd.comparison import ComparisonWriter
+    from replay.rrd.comparison import comparison_writer
 
-    return ComparisonWriter(
+    return comparison_writer(
         rrd, variants, name=name,
         every=max(each.config.rerun.every for each in variants),
         budget_mb=_budget_mb(variants),

@@ -50,10 +50,10 @@ def changes_of(before: np.ndarray, after: np.ndarray) -> tuple[int, int, int, in
     )  # fmt: skip
 
 
-def strength_classes(difference: np.ndarray, said: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def strength_classes(difference: np.ndarray, marked: np.ndarray, edges: np.ndarray) -> np.ndarray:
     level = sum((np.abs(difference) >= edge).astype(np.uint8) for edge in edges)
     level = level + (difference > 0) * np.uint8(len(edges))
-    return np.where(said, level, 0).astype(np.uint8)
+    return np.where(marked, level, 0).astype(np.uint8)
 
 
 def tiles_that_differ(

@@ -27,7 +27,7 @@ CONFIG = "/config"
 LEGEND = "/legend"
 STEPS = "/steps"
 NOTICE = "/notice"
-HISTORIES = "/histories"
+VALUE_LOG = "/histories"
 MAPS = "/maps"  # the names of several maps in one recording
 PROBES = "/probes"
 # Named to come after the layers: of pictures, the viewer lays the later name over the earlier.
@@ -52,6 +52,7 @@ _PLANE_M = 0.001
 TILE_SHRINKAGE = 3e-5
 
 Colour = tuple[int, int, int, int]
+Place = tuple[int, int]  # of a tile among the tiles: row and column, counted from the lower left
 
 NEVER_SEEN: Colour = (150, 158, 178, 255)
 MORE_OCCUPIED: Colour = (214, 39, 40, 255)
@@ -136,9 +137,14 @@ def never_seen(root: str) -> str:
     return f"{root}/never_seen"
 
 
-def history(layer: str) -> str:
+def root_of(name: str) -> str:
+    """Where all of one of several maps lies; empty of the only one."""
+    return f"/{part(name)}" if name else ""
+
+
+def value_log(layer: str) -> str:
     """Every value of a layer at every reading, for the reader alone."""
-    return f"{HISTORIES}/{part(layer)}"
+    return f"{VALUE_LOG}/{part(layer)}"
 
 
 def extra(layer: str, name: str) -> str:

@@ -26,10 +26,10 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
-from replay.rrd.history import HistoryError
 from replay.rrd.layout import Tiling
-from replay.rrd.playback import LayerStart, Playback, Tiles
 from replay.rrd.program import viewer_environment, viewer_program
+from replay.rrd.value_log.playback import LayerStart, Playback, Tiles
+from replay.rrd.value_log.records import ValueLogError
 
 Floats = NDArray[np.float64]
 
@@ -68,7 +68,7 @@ class RrdRecording:
         step = self._checked(layer, step)
         begin = self._last_whole_map(layer, step)
         playback = self._playing.pop(layer, None)
-        with self._damage_said(layer):
+        with self._damage_reported(layer):
             if playback is None or playback.begin != begin or playback.step > step:
                 playback = self._played_from(layer, begin)
             grid = playback.at(step).copy()
@@ -82,7 +82,7 @@ class RrdRecording:
         """
         tiles = self._tiles_by_step(layout.merged(layer), "values")
         whole = [each.step for each in self.steps if self._is_whole_map(each, layer)]
-        with self._damage_said(layer):
+        with self._damage_reported(layer):
             playback = Playback(self._start(layer), tiles, self._records(layer), whole)
             for step, values in playback.steps():
                 if step in self._by_number and layer in self._by_number[step].exact:
@@ -176,14 +176,14 @@ class RrdRecording:
 
     def _records(self, layer: str) -> list[tuple[int, bytes]]:
         """What readings did to a layer, in the order of the steps."""
-        rows = self._file.rows(layout.history(layer), "history")
+        rows = self._file.rows(layout.value_log(layer), "history")
         return sorted(((row.step, row.numbers.tobytes()) for _, row in rows), key=lambda r: r[0])
 
     @contextlib.contextmanager
-    def _damage_said(self, layer: str) -> Iterator[None]:
+    def _damage_reported(self, layer: str) -> Iterator[None]:
         try:
             yield
-        except HistoryError as error:
+        except ValueLogError as error:
             raise BadInput(f"{self.path}: values of {layer} are damaged: {error}") from None
 
     def _layer_at(self, step: int) -> str:
@@ -280,8 +280,8 @@ class RrdRecording:
         batches = self._file.batches(layout.GRID, "where_m", whole=True)
         if not batches:
             several = ", ".join(_map_names(self._file.file)) if not self._file.root else ""
-            told = f"holds several maps: {several}" if several else "not a recording of echogrid"
-            raise BadInput(f"{self.path}: {told}")
+            what = f"holds several maps: {several}" if several else "not a recording of echogrid"
+            raise BadInput(f"{self.path}: {what}")
         x, y, cell = (float(v) for v in numbers_of(batches[0], "where_m", 0))
         rows, cols = (int(v) for v in numbers_of(batches[0], "shape", 0))
         layers = tuple(batches[0].column("layers")[0].as_py())
@@ -304,13 +304,13 @@ class RrdRecording:
         return sorted(steps, key=lambda each: each.step)
 
 
-def read_rrd(path: str | Path, root: str = "") -> RrdRecording:
-    """Open a recording for reading; ``root`` is what one of several maps in it lies below.
+def read_rrd(path: str | Path, name: str = "") -> RrdRecording:
+    """Open a recording for reading; ``name`` is that of one of several maps in it.
 
-    ``damaged`` tells that it was not ended properly and may lack its last part. Raises BadInput
-    for a file that cannot be read, or that holds no recording of ours.
+    ``damaged`` is true of one that was not ended properly and may lack its last part. Raises
+    BadInput for a file that cannot be read, or that holds no recording of ours.
     """
-    path = Path(path)
+    path, root = Path(path), layout.root_of(name)
     if not path.is_file():
         raise BadInput(f"{path}: no such file")
     damaged = not _has_footer(path)
@@ -320,6 +320,17 @@ def read_rrd(path: str | Path, root: str = "") -> RrdRecording:
         if isinstance(error, BadInput) or not damaged:
             raise
     return _salvaged(path, root)
+
+
+def read_maps(path: str | Path) -> dict[str, RrdRecording]:
+    """All maps of a recording that compares some, each to be read like one of its own, by name.
+
+    Raises BadInput for a file that holds no such recording.
+    """
+    names = map_names(path)
+    if not names:
+        raise BadInput(f"{path}: holds one map, not several side by side")
+    return {name: read_rrd(path, name) for name in names}
 
 
 def map_names(path: str | Path) -> tuple[str, ...]:

@@ -41,17 +41,10 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
 
 def draw_temp(canvas: Canvas, temp: TempGrid) -> None:
     """What the reading says, as a patch over the map."""
-    canvas.layer(temp.beam.layer)
     if temp.window.empty:
         return
     classes = strength_classes(temp.probability - 0.5, temp.band | temp.free)
     _draw_patch(canvas, layout.temp(temp.beam.layer), temp.window, classes)
-
-
-def draw_merged(canvas: Canvas, merged: MergedGrid, *, exact: bool) -> None:
-    """The tiles that changed; the patch of what the reading said goes."""
-    canvas.wipe(layout.temp(merged.layer))
-    canvas.merge(merged, shown=True, exact=exact)
 
 
 def draw_change(canvas: Canvas, merged: MergedGrid) -> None:

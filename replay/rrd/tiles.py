@@ -1,7 +1,7 @@
-"""The newest state of each layer, kept by the writer, and which of its tiles the file lacks.
+"""The newest state of each layer, and which of its tiles the file lacks.
 
-A reading tells only what happened inside its window. The writer keeps the whole grid, so that a
-tile can be written complete, and so that readings left out of the recording still count.
+A reading changes a window. The whole grid is kept, so that a tile can be written complete, and so
+that readings left out of the recording still count.
 """
 
 from __future__ import annotations
@@ -15,10 +15,8 @@ from numpy.typing import NDArray
 from mapping.grid import Window, start_of
 from mapping.update_rules import UPDATE_RULES
 from mapping.update_rules.rules import share_of_largest
-from replay.rrd.layout import Tiling
+from replay.rrd.layout import Place, Tiling
 from replay.rrd.pictures import UNSEEN, percent_classes
-
-Place = tuple[int, int]
 
 _CODEC = pa.Codec("lz4_raw")  # as the file packs
 _TRIED_TILES = 16
@@ -108,7 +106,7 @@ class LayerTiles:
         self._stale[:] = False
         return self.take_inexact()
 
-    def told(self) -> None:
+    def mark_logged(self) -> None:
         """The file holds all values now, though not as whole tiles."""
         self._stale |= self._inexact
         self._inexact[:] = False

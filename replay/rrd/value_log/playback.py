@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
-from replay.rrd.history import HistoryReader
-from replay.rrd.history_track import Track
+from replay.rrd.value_log.records import LogReader
+from replay.rrd.value_log.track import Track
 
 Singles = NDArray[np.float32]
 Tiles = list[tuple[Window, Singles]]
@@ -43,7 +43,7 @@ class Playback:
     """One layer, from what it was before any reading on.
 
     ``tiles``, ``records`` and ``whole_maps`` are each in the order of their steps. With ``begin``,
-    a whole map's step, all up to it is passed over quickly. Raises HistoryError where records are
+    a whole map's step, all up to it is passed over quickly. Raises ValueLogError where records are
     lost or spoiled.
     """
 
@@ -57,7 +57,7 @@ class Playback:
         begin: int = -1,
     ) -> None:
         self.begin, self.step = begin, begin
-        self._reader = HistoryReader(Track(start.geometry, start.kind, start.value))
+        self._reader = LogReader(Track(start.geometry, start.kind, start.value))
         self._coming = _by_step(tiles, records, whole_maps)
         self._next = next(self._coming, None)
         self.at(begin)

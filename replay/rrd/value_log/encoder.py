@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from mapping.artifacts import TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import CLAMP
-from replay.rrd.history import Masks, plain_record, predicted_record, table_record
-from replay.rrd.history_track import Covered, Floats, Singles, Track, largest_odds
-from replay.rrd.radial_profile import RadialProfile, fit_table
+from replay.rrd.value_log.radial_profile import RadialProfile, fit_table
+from replay.rrd.value_log.records import Masks, plain_record, predicted_record, table_record
+from replay.rrd.value_log.track import Covered, Floats, Singles, Track, largest_odds
 
 T = TypeVar("T")
 
@@ -52,7 +52,7 @@ class _Sensor:
     factors: list[Floats] = field(default_factory=list)
 
 
-class HistoryWriter(Generic[T]):
+class LogEncoder(Generic[T]):
     """Makes the records of one layer; a ``ticket`` comes back with each record."""
 
     def __init__(self, geometry: GridGeometry, kind: str, start: float) -> None:
@@ -120,7 +120,7 @@ class HistoryWriter(Generic[T]):
 
     def _samples(self, temp: TempGrid, most: int) -> tuple[Floats, Floats]:
         """Distances and factors of about ``most`` cells in front of a reading; 0: of all."""
-        from mapping.kernels.predicting import some_of
+        from replay.rrd.value_log.kernels import some_of
 
         free = some_of(temp.free, most)
         row, col = np.divmod(free, temp.window.cols)
@@ -141,7 +141,7 @@ class HistoryWriter(Generic[T]):
         distances, factors = self._samples(temp, _TRIED)
         if not len(factors):
             return None, 1.0
-        from mapping.kernels.predicting import share_fitting
+        from replay.rrd.value_log.kernels import share_fitting
 
         best: tuple[int | None, float] = (None, 0.0)
         for number in reversed(range(len(self._track.tables))):
