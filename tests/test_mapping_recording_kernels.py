@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from mapping.kernels import recording
 from replay.rrd.value_log import kernels as predicting
-from replay.rrd.value_log.radial_profile import RadialProfile, look_up
+from replay.rrd.value_log.radial_profile import RadialProfile
 
 ROWS, COLS = 31, 43  # of the grid
 SEEDS = st.integers(0, 2**32 - 1)
@@ -55,7 +55,7 @@ def test_distances_and_factors_have_the_same_bits(
     assert distances.tobytes() == slow.distances_m(cells, COLS, size_m, x_m, y_m).tobytes()
     table = RadialProfile(random.random() + 0.01, random.random(random.integers(5, 40)))
     factors = predicting.front_factors(table.cubics(), table.spacing_m, distances)
-    expected = look_up(table.cubics(), table.spacing_m, distances)
+    expected = slow.look_up(table.cubics(), table.spacing_m, distances)
     assert factors.tobytes() == expected.tobytes()
     if len(cells):
         factors = expected * random.choice([1.0, 1.0 + 1e-12, 2.0], len(cells))

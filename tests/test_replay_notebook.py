@@ -13,7 +13,7 @@ import echogrid
 from mapping.config import load_config
 from recorder.errors import BadInput
 from replay.mapping_run import RunResult, map_session
-from replay.rrd.notebook import NEEDS_JUPYTER
+from replay.notebook import NEEDS_JUPYTER
 
 ROOM = ROOT / "logs" / "room.mcap"
 

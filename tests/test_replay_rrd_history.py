@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import MadeRun, temp_grid
+from naive_predicting import look_up
 
 from mapping.artifacts import MergedGrid, TempGrid
 from mapping.grid import GridGeometry, Window
@@ -17,7 +18,7 @@ from mapping.update_rules import UPDATE_RULES
 from mapping.update_rules.state import start
 from replay.rrd.tiles import start_value
 from replay.rrd.value_log.encoder import LogEncoder
-from replay.rrd.value_log.radial_profile import fit_table, look_up
+from replay.rrd.value_log.radial_profile import fit_table
 from replay.rrd.value_log.records import LogReader, ValueLogError
 from replay.rrd.value_log.track import Track
 

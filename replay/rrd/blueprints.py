@@ -223,7 +223,7 @@ def layer_view(
     changes: bool = False,
     root: str = "",
 ) -> rrb.Spatial2DView:
-    """One layer with its overlays; ``changes`` shows what a reading changed, not what it says.
+    """One layer with its overlays; ``changes`` shows what a reading changed, not its evidence.
 
     The other ways to draw it lie over it, hidden; switch one on in the viewer's list of entities.
     ``root`` is what one of several maps in the recording lies below.

@@ -54,7 +54,7 @@ def image_format(shape: tuple[int, ...]) -> rr.components.ImageFormat:
 
 
 def class_images(rows: Sequence[NDArray[np.uint8]]) -> Columns:
-    """Pictures (rows, cols) of classes whose place and size were said once for the entity."""
+    """Pictures (rows, cols) of classes whose place and size were logged once for the entity."""
     flat = np.concatenate([row.ravel() for row in rows])
     return [rr.ComponentColumn(_BUFFER, _Arrow(_blobs(flat, [row.size for row in rows])))]
 
@@ -93,7 +93,7 @@ def float32_values(rows: Sequence[NDArray[np.float32]]) -> Columns:
 
 
 def texts(rows: Sequence[str]) -> Columns:
-    """Text as markdown; the media type was said once for the entity."""
+    """Text as markdown; the media type was logged once for the entity."""
     return list(rr.TextDocument.columns(text=rows))
 
 

@@ -51,7 +51,7 @@ class ComparisonDrawer:
         self._begun = _starts(first)
         self._distances.take(first)
         one = next(iter(self._begun.values()))
-        self._canvas = Canvas(sink, one.geometry, Stamp(0, 0, self.span_t_ns[0]))
+        self.canvas = Canvas(sink, one.geometry, Stamp(0, 0, self.span_t_ns[0]))
         for name, started in self._begun.items():
             # The ranges are the same in all maps.
             without = (*_SHARED, layout.RANGES) if self._drawers else _SHARED
@@ -66,12 +66,12 @@ class ComparisonDrawer:
     def draw(self, moment: Moment, detail: Detail) -> None:
         """Draw the next step: in each run its artifact."""
         self._distances.take(moment)
-        beams, stamp = readings_of(moment), self.stamp
+        beams, stamp = readings_of(moment), self.canvas.stamp
         reading, t_ns = stamp.reading, stamp.t_ns
         if beams:
             reading, t_ns = self._readings, beams[0].t_ns
             self._readings += 1
-        self._canvas.stamp = stamp = Stamp(stamp.step + 1, reading, t_ns)
+        self.canvas.stamp = stamp = Stamp(stamp.step + 1, reading, t_ns)
         for name, drawer in self._drawers.items():
             if name in moment:
                 drawer.draw_at(stamp, moment[name], detail)
@@ -84,19 +84,10 @@ class ComparisonDrawer:
         if detail.shown or not any(of_reading):
             self._explain(moment, detail.left_out)
 
-    def add_notice(self, notice: str) -> None:
-        """Note at the current step what is left out from now on."""
-        self._canvas.add(layout.NOTICE, columns.notices, notice, len(notice))
-
     @staticmethod
     def begins_reading(moment: Moment) -> bool:
         """Whether what comes before a moment is complete."""
         return bool(readings_of(moment))
-
-    @property
-    def stamp(self) -> Stamp:
-        """The current step."""
-        return self._canvas.stamp
 
     @property
     def span_t_ns(self) -> tuple[int, int]:
@@ -108,7 +99,7 @@ class ComparisonDrawer:
     def buffers(self) -> tuple[RowBuffer, ...]:
         """The rows of all maps that wait to be sent."""
         each = (rows for drawer in self._drawers.values() for rows in drawer.buffers)
-        return (*each, self._canvas.rows)
+        return (*each, self.canvas.rows)
 
     def reserved_bytes(self) -> int:
         """What the ends of all maps will add, however little is shown."""
@@ -117,7 +108,7 @@ class ComparisonDrawer:
     def _explain(self, moment: Moment, left_out: str) -> None:
         known = Compared(self._variants, self._begun, self._finals, self._distances, left_out)
         text = describe_moment(moment, known)
-        self._canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
+        self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
 
 
 def _starts(moment: Moment) -> dict[str, Started]:

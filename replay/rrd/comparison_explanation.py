@@ -44,21 +44,21 @@ class Compared:
 
 def describe_moment(moment: Moment, known: Compared) -> str:
     """Markdown for one step of several maps."""
-    begun = _all(moment, Started)
-    if begun:
+    if begun := _all(moment, Started):
         return _started(begun, known)
-    beams = _all(moment, Beam)
-    if beams:
+    if beams := _all(moment, Beam):
         return _beams(beams, known)
-    temps = _all(moment, TempGrid)
-    if temps:
+    if temps := _all(moment, TempGrid):
         return _temps(temps)
-    merged = _all(moment, MergedGrid)
-    if merged:
+    if merged := _all(moment, MergedGrid):
         return _merged(merged)
-    if _all(moment, Finished):
-        return _finished(moment, known)
-    return _results(moment)
+    if snapshots := _all(moment, Snapshot):
+        return _snapshots(snapshots)
+    if thresholded := _all(moment, Thresholded):
+        return _thresholded(thresholded)
+    if segments := _all(moment, Segment):
+        return _segments(segments)
+    return _finished(moment, known) if _all(moment, Finished) else _each(moment)
 
 
 def _all(moment: Moment, kind: type[Some]) -> dict[str, Some]:
@@ -158,24 +158,14 @@ def _two_cells(merged: MergedGrid) -> tuple[str, str]:
     return changes[0], changes[1]
 
 
-def _results(moment: Moment) -> str:
-    """Later stages: counts in a table where there is one number for each map, else the texts."""
-    snapshots = _all(moment, Snapshot)
-    if snapshots:
-        return _snapshots(snapshots)
-    thresholded = _all(moment, Thresholded)
-    if thresholded:
-        rows = [
-            (name, percent(one.threshold), f"{int(one.occupied.sum()):,}")
-            for name, one in thresholded.items()
-        ]
-        layer = next(iter(thresholded.values())).layer
-        head = ("map", "above", "cells, in yellow")
-        return f"## {layer}: which cells count as occupied\n\n{_table(head, rows)}"
-    segments = _all(moment, Segment)
-    if segments:
-        return _segments(segments)
-    return _each(moment)
+def _thresholded(thresholded: Mapping[str, Thresholded]) -> str:
+    rows = [
+        (name, percent(one.threshold), f"{int(one.occupied.sum()):,}")
+        for name, one in thresholded.items()
+    ]
+    layer = next(iter(thresholded.values())).layer
+    head = ("map", "above", "cells, in yellow")
+    return f"## {layer}: which cells count as occupied\n\n{_table(head, rows)}"
 
 
 def _segments(segments: Mapping[str, Segment]) -> str:

@@ -40,7 +40,7 @@ class Layers:
         return self._tiles[name]
 
     def see(self, temp: TempGrid) -> None:
-        """Take which cells a reading touches, and what it says of them."""
+        """Take which cells a reading touches, and its evidence for them."""
         self.set_up(temp.beam.layer).see(temp.window, temp.band | temp.free)
         self._newest_temp = temp
 

@@ -33,7 +33,7 @@ def percent_classes(
 ) -> NDArray[np.uint8]:
     """Per cent of being occupied, to the nearest even one, or ``UNSEEN``; same shape as the input.
 
-    The eye tells no finer shades apart, and every other one saves a seventh of the file.
+    The eye sees no finer shades, and every other one saves a seventh of the file.
     """
     percent = 2 * np.rint(probability * np.float32(50)).astype(np.uint8)
     return np.where(observed, percent, np.uint8(UNSEEN))

@@ -26,10 +26,10 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
-from replay.rrd.layout import Tiling
 from replay.rrd.program import viewer_environment, viewer_program
-from replay.rrd.value_log.playback import LayerStart, Playback, Tiles
+from replay.rrd.value_log.playback import Playback, Tiles
 from replay.rrd.value_log.records import ValueLogError
+from replay.rrd.value_log.track import Track
 
 Floats = NDArray[np.float64]
 
@@ -66,7 +66,7 @@ class RrdRecording:
         Raises BadInput for a layer or step that is not there, or not with exact values.
         """
         step = self._checked(layer, step)
-        begin = self._last_whole_map(layer, step)
+        begin = max((each for each in self._whole_maps(layer) if each <= step), default=-1)
         playback = self._playing.pop(layer, None)
         with self._damage_reported(layer):
             if playback is None or playback.begin != begin or playback.step > step:
@@ -81,7 +81,7 @@ class RrdRecording:
         Of whole tiles only as much as was written together is in memory at a time.
         """
         tiles = self._tiles_by_step(layout.merged(layer), "values")
-        whole = [each.step for each in self.steps if self._is_whole_map(each, layer)]
+        whole = self._whole_maps(layer)
         with self._damage_reported(layer):
             playback = Playback(self._start(layer), tiles, self._records(layer), whole)
             for step, values in playback.steps():
@@ -146,12 +146,12 @@ class RrdRecording:
             return tuple(batch.column("names")[0].as_py()), self._newest_picture(layout.CLASSES)
         return None
 
-    def _start(self, layer: str) -> LayerStart:
+    def _start(self, layer: str) -> Track:
         """What a layer was before any reading."""
         for batch in self._file.batches(layout.layer_root(layer), "start", whole=True):
             kind = str(batch.column("kind")[0].as_py()[0])
-            return LayerStart(self.geometry, kind, float(numbers_of(batch, "start", 0)[0]))
-        return LayerStart(self.geometry, "", 0.0)
+            return Track(self.geometry, kind, float(numbers_of(batch, "start", 0)[0]))
+        return Track(self.geometry, "", 0.0)
 
     def _played_from(self, layer: str, begin: int) -> Playback:
         """A layer, ready to be followed from a whole map on (-1: from the start)."""
@@ -159,20 +159,15 @@ class RrdRecording:
         newest = self._newest_tiles(root, "values", begin) if begin >= 0 else ()
         whole = [(window, row.numbers.reshape(window.rows, window.cols)) for window, row in newest]
         later = self._tiles_by_step(root, "values", after=begin)
-        maps = [each.step for each in self.steps if self._is_whole_map(each, layer)]
         return Playback(
             self._start(layer), itertools.chain([(begin, whole)], later), self._records(layer),
-            [each for each in maps if each >= begin], begin=begin,
+            [each for each in self._whole_maps(layer) if each >= begin], begin=begin,
         )  # fmt: skip
 
-    @staticmethod
-    def _is_whole_map(step: Step, layer: str) -> bool:
-        return step.artifact == Snapshot.__name__ and step.layer == layer
-
-    def _last_whole_map(self, layer: str, step: int) -> int:
-        """The last step, up to one, at which the file holds all of a layer; -1: none."""
-        whole = (each.step for each in self.steps if self._is_whole_map(each, layer))
-        return max((each for each in whole if each <= step), default=-1)
+    def _whole_maps(self, layer: str) -> list[int]:
+        """The steps at which the file holds all of a layer."""
+        whole = Snapshot.__name__, layer
+        return [each.step for each in self.steps if (each.artifact, each.layer) == whole]
 
     def _records(self, layer: str) -> list[tuple[int, bytes]]:
         """What readings did to a layer, in the order of the steps."""
@@ -254,11 +249,8 @@ class RrdRecording:
                 yield step, waiting.pop(step)
 
     def _windows(self, root: str) -> dict[str, Window]:
-        tiling = self._tiling()
+        tiling = layout.tiling_for(self.geometry)
         return {layout.tile(root, *at): tiling.window(*at) for at in tiling}
-
-    def _tiling(self) -> Tiling:
-        return layout.tiling_for(self.geometry)
 
     def _beam(self, batch: pa.RecordBatch, i: int) -> Beam:
         base, sensor = (numbers_of(batch, n, i) for n in ("world_from_base", "world_from_sensor"))

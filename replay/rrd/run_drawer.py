@@ -68,26 +68,26 @@ class RunDrawer:
         """Lay out the empty map, with every layer unseen."""
         assert isinstance(first, Started)
         self._started = first
-        self._canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns))
-        self._layers = Layers(self._canvas)
-        self._results = Results(self._canvas, self._layers)
+        self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns))
+        self._layers = Layers(self.canvas)
+        self._results = Results(self.canvas, self._layers)
         scene.set_up(sink, first, self._config_text)
         for name in first.layers:
             self._layers.set_up(name)
         for overlay in self._overlays:
-            overlay.start(self._canvas, first)
+            overlay.start(self.canvas, first)
         self._record(first)
 
     def draw(self, artifact: Artifact, detail: Detail) -> None:
         """Draw an artifact as the next step."""
-        step, stamp = self.stamp.step + 1, self.stamp
+        step, stamp = self.canvas.stamp.step + 1, self.canvas.stamp
         if isinstance(artifact, Beam):
             stamp = Stamp(step, artifact.number, artifact.t_ns)
         self.draw_at(Stamp(step, stamp.reading, stamp.t_ns), artifact, detail)
 
     def draw_at(self, stamp: Stamp, artifact: Artifact, detail: Detail) -> None:
         """Draw an artifact at a step; of a reading that is not shown the map still takes all."""
-        canvas, layers = self._canvas, self._layers
+        canvas, layers = self.canvas, self._layers
         canvas.stamp = stamp
         shown = detail.shown or not isinstance(artifact, Beam | TempGrid | MergedGrid)
         texts = [each.draw(canvas, artifact, shown=shown) for each in self._overlays]
@@ -116,22 +116,13 @@ class RunDrawer:
 
     def clear_at(self, stamp: Stamp) -> None:
         """Take the traces of the newest reading away: the run leaves out the one of this step."""
-        self._canvas.stamp = stamp
-        self._canvas.wipe()
-
-    def add_notice(self, notice: str) -> None:
-        """Note at the current step what is left out from now on."""
-        self._canvas.add(layout.NOTICE, columns.notices, notice, len(notice))
+        self.canvas.stamp = stamp
+        self.canvas.wipe()
 
     @staticmethod
     def begins_reading(artifact: Artifact) -> bool:
         """Whether what comes before an artifact is complete."""
         return isinstance(artifact, Beam)
-
-    @property
-    def stamp(self) -> Stamp:
-        """The current step."""
-        return self._canvas.stamp
 
     @property
     def span_t_ns(self) -> tuple[int, int]:
@@ -141,7 +132,7 @@ class RunDrawer:
     @property
     def buffers(self) -> tuple[RowBuffer, ...]:
         """The rows that wait to be sent."""
-        return (self._canvas.rows,)
+        return (self.canvas.rows,)
 
     def reserved_bytes(self) -> int:
         """What the end of the run will add, however little is shown."""
@@ -151,9 +142,9 @@ class RunDrawer:
         """Describe the step in markdown, and list it for the reader."""
         if self._explain:
             text = "\n\n".join([describe(artifact), *filter(None, more)])
-            self._canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
+            self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
         record = columns.StepRecord(type(artifact).__name__, layer_of(artifact), self._layers.exact)
-        self._canvas.add(layout.STEPS, columns.step_records, record)
+        self.canvas.add(layout.STEPS, columns.step_records, record)
 
 
 def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -> RunDrawer:

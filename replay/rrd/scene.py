@@ -70,7 +70,7 @@ def set_up_layer(sink: Sink, layer: str, colour: Colour) -> None:
 
 
 def set_up_patches(sink: Sink, entity: str) -> None:
-    """The style of pictures of what a reading says or changed."""
+    """The style of pictures of the evidence of a reading, or what it changed."""
     look = rr.EncodedImage.from_fields(
         media_type="image/png", opacity=0.999, draw_order=layout.ORDER_PATCH
     )

@@ -88,7 +88,8 @@ class LayerTiles:
         before = self.values[part].max(initial=0.0) if self._shares else 0.0
         # Compared as bits: NaN equals itself, and 0.0 is not -0.0.
         self._take(self.values.view(np.uint32), new.view(np.uint32), window, self._inexact)
-        self._redraw(window, percent_classes(probability, self.observed[part]))
+        shades = percent_classes(probability, self.observed[part])
+        self._take(self.picture, shades, window, self._undrawn)
         if self._shares:
             self._follow_largest(float(new.max(initial=0.0)), float(before))
 
@@ -127,9 +128,6 @@ class LayerTiles:
         """Whether all values are in the file as they are now."""
         return self._begun and not self._inexact.any()
 
-    def _redraw(self, window: Window, picture: NDArray[np.uint8]) -> None:
-        self._take(self.picture, picture, window, self._undrawn)
-
     def _take(
         self, grid: NDArray[T], new: NDArray[T], window: Window, differing: NDArray[np.bool_]
     ) -> None:
@@ -149,7 +147,7 @@ class LayerTiles:
             part = self._seen.slices
             shares = share_of_largest(self.values[part].astype(np.float64), self._largest)
             picture = percent_classes(shares.astype(np.float32), self.observed[part])
-            self._redraw(self._seen, picture)
+            self._take(self.picture, picture, self._seen, self._undrawn)
 
     def _cut(self, grid: NDArray[T], place: Place) -> NDArray[T]:
         return grid[self.tiling.window(*place).slices].copy()

@@ -21,8 +21,10 @@ from mapping.config import MappingConfig
 from mapping.probing import CellProbe
 from recorder.errors import BadInput
 from recorder.outputs import check_room
+from replay.rrd import columns, layout
+from replay.rrd.canvas import Canvas
 from replay.rrd.run_drawer import configured_drawer
-from replay.rrd.sink import RowBuffer, Sink, Stamp
+from replay.rrd.sink import RowBuffer, Sink
 from replay.rrd.thinning import Detail, Thinning
 
 APPLICATION = "echogrid"
@@ -49,12 +51,9 @@ class Drawer(Protocol[Item]):
     def begins_reading(self, item: Item) -> bool:
         """Whether what comes before is complete."""
 
-    def add_notice(self, notice: str) -> None:
-        """Note at the current step what is left out from now on."""
-
     @property
-    def stamp(self) -> Stamp:
-        """The current step."""
+    def canvas(self) -> Canvas:
+        """Where the steps are drawn; of several maps, what is shared."""
 
     @property
     def span_t_ns(self) -> tuple[int, int]:
@@ -167,19 +166,20 @@ class RrdWriter(Generic[Item]):
         drawer = self._drawer
         self._unflushed += 1
         # More often at first, so that a costly session is noticed before much is written.
-        patience = min(self._flush_readings, max(_FIRST_REVIEW, drawer.stamp.reading // 2))
+        stamp = drawer.canvas.stamp
+        patience = min(self._flush_readings, max(_FIRST_REVIEW, stamp.reading // 2))
         if self._unflushed <= patience and self.waiting_bytes < _BUFFER_BYTES:
             return
         self._flush()
         first, last = drawer.span_t_ns
-        done = (drawer.stamp.t_ns - first) / (last - first) if last > first else 0.0
+        done = (stamp.t_ns - first) / (last - first) if last > first else 0.0
         size = self.part.stat().st_size
         exact = sum(rows.exact_bytes for rows in drawer.buffers)
         share = (exact - self._exact_then) / max(size - self._size_then, 1)
         self._size_then, self._exact_then = size, exact
         notice = self.thinning.review(size, done, drawer.reserved_bytes(), share)
         if notice:
-            drawer.add_notice(notice)
+            drawer.canvas.add(layout.NOTICE, columns.notices, notice, len(notice))
 
     def _flush(self) -> None:
         """Hand everything to the file and wait until it is written.

@@ -54,8 +54,8 @@ class ValueLog:
     ) -> None:
         """Log what a reading did to its layer, which was at ``start`` before its first one.
 
-        All that the layer held before must be in the file. ``temp`` is what the reading says, where
-        it is at hand. One that is not ``shown`` has no step of its own.
+        All that the layer held before must be in the file. ``temp`` is its evidence, where it is at
+        hand. One that is not ``shown`` has no step of its own.
         """
         name = merged.layer
         if name not in self._logs:

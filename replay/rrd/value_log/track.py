@@ -7,7 +7,6 @@ the same bits on every machine.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +22,12 @@ Cells = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Covered:
-    """The cells that a reading speaks of, as flat indices into the grid, and what it says.
+    """The cells that a reading covers, as flat indices into the grid, and its factors there.
 
     The first ``in_front`` of ``cells`` lie in front, of which only the distance is known; then come
-    those in the band, whose ``factors`` are given, and others that are changed though nothing is
-    said of them. ``inner`` are the same cells as indices into the reading's window, ``sensor_m`` is
-    where the sensor stood.
+    those in the band, whose ``factors`` are given, and others that are changed without one.
+    ``inner`` are the same cells as indices into the reading's window, ``sensor_m`` is where the
+    sensor stood.
     """
 
     sensor_m: tuple[float, float]
@@ -108,8 +107,3 @@ class Track:
             self.kind == "odds",
         )  # fmt: skip
         return predicted
-
-
-def largest_odds(clamp: float) -> float:
-    """The odds beyond which readings change nothing, from the clamp of the log-odds."""
-    return math.exp(clamp)
