@@ -270,7 +270,7 @@ def side_by_side() -> Image.Image:
     from replay.comparison import from_values
     from replay.comparison_run import compare_session
     from replay.rrd.headless import HeadlessViewer
-    from replay.rrd.prefixed_stream import read_maps
+    from replay.rrd.reader import read_maps
 
     with tempfile.TemporaryDirectory() as folder:
         rrd = Path(folder, "rules.rrd")

@@ -17,12 +17,12 @@ from recorder.session import Session, read_session
 from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.comparison import Variant
-from replay.comparison_steps import Distances, beams_of, in_step
+from replay.comparison_steps import Distances, Moment, beams_of, in_step
 from replay.exports import Exporter, exporter_for
 from replay.mapping_run import RunResult, reading_count, result_of, with_progress
 
 if TYPE_CHECKING:
-    from replay.rrd.comparison import ComparisonWriter
+    from replay.rrd.writer import RrdWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ def compare_session(
         total = reading_count(session)
         for moment in with_progress(moments, lambda m: bool(beams_of(m)), progress, total):
             if writer is not None:
-                writer.take(moment)
+                writer(moment)
             for name, artifact in moment.items():
                 if exporters:
                     exporters[name](artifact)
@@ -105,12 +105,12 @@ def _exporters(
     }
 
 
-def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> ComparisonWriter | None:
+def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> RrdWriter[Moment] | None:
     if rrd is None:
         return None
-    from replay.rrd.comparison import ComparisonWriter
+    from replay.rrd.comparison import comparison_writer
 
-    return ComparisonWriter(
+    return comparison_writer(
         rrd, variants, name=name,
         every=max(each.config.rerun.every for each in variants),
         budget_mb=_budget_mb(variants),

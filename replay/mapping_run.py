@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, TypeVar
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.beams import Beam
 from mapping.config import MappingConfig
-from mapping.config_text import commented_toml
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.messages import Range, Scan
@@ -23,7 +22,7 @@ from replay.collector import Collector
 from replay.exports import exporter_for
 
 if TYPE_CHECKING:
-    from replay.rrd.run_writer import RunWriter
+    from replay.rrd.writer import RrdWriter
 
 Step = TypeVar("Step")
 Taker = Callable[[Artifact], None]
@@ -91,10 +90,12 @@ def map_session(
     return result_of(collector, session.damage, left_out, probes=watched, rrd=rrd)
 
 
-def _writer(rrd: Path, config: MappingConfig, name: str, probes: Sequence[CellProbe]) -> RunWriter:
-    from replay.rrd.run_writer import RunWriter
+def _writer(
+    rrd: Path, config: MappingConfig, name: str, probes: Sequence[CellProbe]
+) -> RrdWriter[Artifact]:
+    from replay.rrd.writer import run_writer
 
-    return RunWriter(rrd, config, config_text=commented_toml(config), name=name, probes=probes)
+    return run_writer(rrd, config, name=name, probes=probes)
 
 
 def with_progress(

@@ -50,10 +50,10 @@ def changes_of(before: np.ndarray, after: np.ndarray) -> tuple[int, int, int, in
     )  # fmt: skip
 
 
-def strength_classes(difference: np.ndarray, said: np.ndarray, edges: np.ndarray) -> np.ndarray:
+def strength_classes(difference: np.ndarray, marked: np.ndarray, edges: np.ndarray) -> np.ndarray:
     level = sum((np.abs(difference) >= edge).astype(np.uint8) for edge in edges)
     level = level + (difference > 0) * np.uint8(len(edges))
-    return np.where(said, level, 0).astype(np.uint8)
+    return np.where(marked, level, 0).astype(np.uint8)
 
 
 def tiles_that_differ(
@@ -61,3 +61,18 @@ def tiles_that_differ(
 ) -> set[tuple[int, int]]:
     """``old`` and ``new`` cover the same window."""
     return {((r + row0) // side, (c + col0) // side) for r, c in np.argwhere(old != new).tolist()}
+
+
+def look_up(cubics: np.ndarray, spacing_m: float, distance_m: np.ndarray) -> np.ndarray:
+    """Factors at distances (N,) of a table's cubics; 1 beyond its end."""
+    # The first cubic starts at knot 1 and serves the distances before it, too.
+    at = distance_m / spacing_m - 1.0
+    piece = np.maximum(at, 0.0).astype(np.int64)
+    inside = piece < len(cubics)
+    np.minimum(piece, len(cubics) - 1, out=piece)
+    u = at - piece
+    c = cubics[piece]
+    factor = ((c[:, 3] * u + c[:, 2]) * u + c[:, 1]) * u + c[:, 0]
+    if not inside.all():
+        factor[~inside] = 1.0
+    return factor

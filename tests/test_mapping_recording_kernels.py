@@ -7,8 +7,9 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.kernels import predicting, recording
-from replay.rrd.radial_profile import RadialProfile, look_up
+from mapping.kernels import recording
+from replay.rrd.value_log import kernels as predicting
+from replay.rrd.value_log.radial_profile import RadialProfile
 
 ROWS, COLS = 31, 43  # of the grid
 SEEDS = st.integers(0, 2**32 - 1)
@@ -54,17 +55,17 @@ def test_distances_and_factors_have_the_same_bits(
     assert distances.tobytes() == slow.distances_m(cells, COLS, size_m, x_m, y_m).tobytes()
     table = RadialProfile(random.random() + 0.01, random.random(random.integers(5, 40)))
     factors = predicting.front_factors(table.cubics(), table.spacing_m, distances)
-    expected = look_up(table.cubics(), table.spacing_m, distances)
+    expected = slow.look_up(table.cubics(), table.spacing_m, distances)
     assert factors.tobytes() == expected.tobytes()
     if len(cells):
-        said = expected * random.choice([1.0, 1.0 + 1e-12, 2.0], len(cells))
-        share = predicting.share_fitting(table.cubics(), table.spacing_m, distances, said, 1e-9)
-        assert share == np.mean(np.abs(expected - said) <= 1e-9 * said)
+        factors = expected * random.choice([1.0, 1.0 + 1e-12, 2.0], len(cells))
+        share = predicting.share_fitting(table.cubics(), table.spacing_m, distances, factors, 1e-9)
+        assert share == np.mean(np.abs(expected - factors) <= 1e-9 * factors)
 
 
 @few
 @given(SEEDS, st.booleans())
-def test_foretold_values_have_the_same_bits_and_settle(seed: int, is_odds: bool) -> None:
+def test_predicted_values_have_the_same_bits_and_settle(seed: int, is_odds: bool) -> None:
     random = np.random.default_rng(seed)
     values = random.random(ROWS * COLS).astype(np.float32)
     values[random.random(values.size) < 0.1] = random.choice([0.0, 1.0, np.nan])
@@ -106,20 +107,20 @@ def test_new_numbers_are_taken_and_their_tiles_marked(seed: int, side: int) -> N
 
 @few
 @given(SEEDS, st.sampled_from([np.float32, np.float64]))
-def test_what_is_said_of_changes(seed: int, kind: type) -> None:
+def test_changes_and_evidence(seed: int, kind: type) -> None:
     random = np.random.default_rng(seed)
     before, after = (random.integers(0, 5, 200).astype(np.float32) / 4 for _ in range(2))
     assert recording.changes_of(before, after) == slow.changes_of(before, after)
     edges: np.ndarray = np.array([0.0, 0.002, 0.25, 0.5], kind)
     difference: np.ndarray = (after - before).astype(kind)
-    said = random.random(200) < 0.7
+    marked = random.random(200) < 0.7
     np.testing.assert_array_equal(
-        recording.strength_classes(difference, said, edges),
-        slow.strength_classes(difference, said, edges),
+        recording.strength_classes(difference, marked, edges),
+        slow.strength_classes(difference, marked, edges),
     )
     free, band, _ = masks(random, (10, 20))
     probability = random.random((10, 20))
-    assert recording.said_of(probability, free, band) == (
+    assert recording.evidence_of(probability, free, band) == (
         band.sum(), probability[band].max(initial=0.0),
         free.sum(), probability[free].min(initial=1.0),
     )  # fmt: skip

@@ -32,8 +32,8 @@ from replay.comparison_run import compare_session
 from replay.comparison_steps import Distances, Moment, in_step
 from replay.comparison_table import footnotes, map_rows, same_maps, table_of
 from replay.mapping_run import map_session
-from replay.rrd.comparison_words import Told, describe_moment
-from replay.rrd.prefixed_stream import read_maps
+from replay.rrd.comparison_explanation import Compared, describe_moment
+from replay.rrd.reader import read_maps
 
 FINITE = {"allow_nan": False, "allow_infinity": False}
 POSES = st.builds(
@@ -293,7 +293,7 @@ def explanations_of(session: Path, variants: list[Variant]) -> Iterator[tuple[Mo
                 begun[name] = artifact
             if isinstance(artifact, Snapshot) and artifact.final:
                 finals[name].append(artifact)
-        yield moment, describe_moment(moment, Told(by_name, begun, finals, distances, ""))
+        yield moment, describe_moment(moment, Compared(by_name, begun, finals, distances, ""))
 
 
 def test_each_step_is_explained_for_all_maps(session: Path) -> None:

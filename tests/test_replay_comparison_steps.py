@@ -23,9 +23,8 @@ from recorder.session import read_session
 from replay.comparison import Variant, from_values
 from replay.comparison_run import compare_session
 from replay.comparison_steps import in_step
-from replay.rrd.comparison import ComparisonWriter
-from replay.rrd.prefixed_stream import read_maps
-from replay.rrd.reader import read_rrd
+from replay.rrd.comparison import comparison_writer
+from replay.rrd.reader import read_maps, read_rrd
 
 
 @pytest.fixture(scope="module")
@@ -227,9 +226,9 @@ def test_a_broken_off_comparison_leaves_nothing_behind(tmp_path: Path) -> None:
     variants = [Variant("a", load_config()), Variant("b", load_config())]
 
     def broken() -> Iterator[None]:
-        with ComparisonWriter(path, variants, name="made") as writer:
+        with comparison_writer(path, variants, name="made") as writer:
             for number, artifact in enumerate(ARTIFACTS):
-                writer.take({"a": artifact, "b": artifact})
+                writer({"a": artifact, "b": artifact})
                 if number == 9:
                     raise KeyboardInterrupt
         yield

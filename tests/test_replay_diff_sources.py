@@ -22,6 +22,7 @@ from replay.diff.sources.arrays import read_npz, write_npz
 from replay.diff.sources.opening import open_map
 from replay.diff.sources.sessions import map_one
 from replay.diff.verdict import SAME, SAME_ROOM, WALL_MOVED
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.writer import RrdWriter
 
 SETTING = "grid.resolution_m=0.04"
@@ -137,7 +138,7 @@ def stored_size(out: Path) -> str:
 
 def test_recordings_part_at_a_step(tmp_path: Path) -> None:
     def write(path: Path, **how: Any) -> Path:
-        with RrdWriter(path, config_text="", name="made") as writer:
+        with RrdWriter(path, RunDrawer(), name="made") as writer:
             for artifact in MadeRun(readings=8, **how).artifacts():
                 writer(artifact)
         return path

@@ -31,13 +31,14 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.reader import RrdRecording, read_rrd
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.writer import RrdWriter
 
 CONFIG = "[grid]\nresolution_m = 0.02  # cells\n"
 
 
 def write(path: Path, artifacts: list[Artifact], **options: object) -> RrdWriter:
-    with RrdWriter(path, config_text=CONFIG, name="made", **options) as writer:
+    with RrdWriter(path, RunDrawer(CONFIG), name="made", **options) as writer:
         for artifact in artifacts:
             writer(artifact)
     return writer
@@ -287,7 +288,7 @@ def test_what_was_left_out_is_not_made_up(tmp_path: Path) -> None:
 
 def test_the_file_has_its_name_only_when_whole(tmp_path: Path, artifacts: list[Artifact]) -> None:
     path = tmp_path / "run.rrd"
-    with RrdWriter(path, config_text="", name="run") as writer:
+    with RrdWriter(path, RunDrawer(), name="run") as writer:
         for artifact in artifacts:
             writer(artifact)
             assert not path.exists()
@@ -351,7 +352,7 @@ def test_many_borders_are_all_drawn_and_go_when_the_stage_starts_anew(tmp_path: 
 
 def interrupted(tmp_path: Path, artifacts: list[Artifact]) -> Path:
     """What a process killed in the middle leaves: flushed, but never ended."""
-    writer = RrdWriter(tmp_path / "killed.rrd", config_text=CONFIG, name="x", flush_readings=1)
+    writer = RrdWriter(tmp_path / "killed.rrd", RunDrawer(CONFIG), name="x", flush_readings=1)
     for artifact in artifacts[: len(artifacts) // 2]:
         writer(artifact)
     copy = tmp_path / "copy.rrd"

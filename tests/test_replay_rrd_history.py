@@ -10,15 +10,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import MadeRun, temp_grid
+from naive_predicting import look_up
 
 from mapping.artifacts import MergedGrid, TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import UPDATE_RULES
 from mapping.update_rules.state import start
-from replay.rrd.history import HistoryError, HistoryReader
-from replay.rrd.history_track import Track
-from replay.rrd.history_writer import HistoryWriter
-from replay.rrd.radial_profile import fit_table, look_up
+from replay.rrd.value_log.encoder import LogEncoder
+from replay.rrd.value_log.radial_profile import fit_table
+from replay.rrd.value_log.records import LogReader, ValueLogError
+from replay.rrd.value_log.track import Track
 
 GRID = GridGeometry((-0.3, -0.2), 0.02, 110, 140)
 
@@ -44,7 +45,7 @@ def told(
 ) -> tuple[list[tuple[int, bytes]], list[np.ndarray]]:
     """The records of a run, with the number of the reading of each, and the grid after each."""
     known = UPDATE_RULES[rule]
-    writer: HistoryWriter[int] = HistoryWriter(
+    writer: LogEncoder[int] = LogEncoder(
         GRID, known.kind, known.start_value, predicts=known.multiplies_odds
     )
     grid, records, after = empty(rule), [], []
@@ -55,9 +56,9 @@ def told(
     return records + writer.drain(), after
 
 
-def reader(rule: str) -> HistoryReader:
+def reader(rule: str) -> LogReader:
     known = UPDATE_RULES[rule]
-    return HistoryReader(Track(GRID, known.kind, known.start_value))
+    return LogReader(Track(GRID, known.kind, known.start_value))
 
 
 @pytest.mark.parametrize("rule", sorted(UPDATE_RULES))
@@ -77,8 +78,8 @@ def test_every_rules_values_come_back_bit_for_bit(rule: str) -> None:
 def test_what_readings_say_by_distance_alone_takes_next_to_nothing(width_deg: float) -> None:
     """A tenth, once the table is there, of what the plain differences take."""
     grid = GridGeometry((-0.3, -0.2), 0.01, 280, 360)
-    predicted: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5, predicts=True)
-    plain: HistoryWriter[int] = HistoryWriter(grid, "probability", 0.5, predicts=True)
+    predicted: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=True)
+    plain: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=True)
     sizes = {"predicted": 0, "plain": 0}
     for number, (temp, merged) in enumerate(readings("bayes", 48, width_deg, grid)):
         records = predicted.add(merged.window, merged.values, temp, number)
@@ -92,20 +93,20 @@ def test_a_lost_or_spoiled_record_is_noticed() -> None:
     records, _ = told("bayes", 30)
     back = reader("bayes")
     back.take(records[0][1])
-    with pytest.raises(HistoryError, match="record 2 is missing"):
+    with pytest.raises(ValueLogError, match="record 2 is missing"):
         back.take(records[2][1])
     plain, _ = told("sum", 2)
     spoiled = bytearray(plain[1][1])
     spoiled[30] ^= 1  # of the checksum or the lengths; either way it cannot come out right
     back = reader("sum")
     back.take(plain[0][1])
-    with pytest.raises((HistoryError, OSError, ValueError)):
+    with pytest.raises((ValueLogError, OSError, ValueError)):
         back.take(bytes(spoiled))
 
 
 def test_whole_values_in_between_and_a_restart() -> None:
     """A whole tile that the file holds, and the odds forgotten after a whole map."""
-    writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5, predicts=True)
+    writer: LogEncoder[int] = LogEncoder(GRID, "probability", 0.5, predicts=True)
     back, grid = reader("bayes"), empty("bayes")
     for number, (temp, merged) in enumerate(readings("bayes", 60)):
         before = grid.copy()
@@ -140,8 +141,8 @@ def test_any_bits_in_any_windows_with_or_without_temp_grids(
         (0.0, 0.0), 0.1, int(random.integers(1, 60)), int(random.integers(1, 60))
     )
     kind = "odds" if odds else "probability"
-    writer: HistoryWriter[int] = HistoryWriter(geometry, kind, 0.5, predicts=True)
-    back = HistoryReader(Track(geometry, kind, 0.5))
+    writer: LogEncoder[int] = LogEncoder(geometry, kind, 0.5, predicts=True)
+    back = LogReader(Track(geometry, kind, 0.5))
     grid, run = np.full(geometry.shape, 0.5, np.float32), MadeRun(geometry, readings=count)
     grids = []
     for number in range(count):
@@ -168,7 +169,7 @@ def test_a_reading_that_lacks_its_front_or_band() -> None:
     temp, merged = next(readings("bayes", 1))
     nothing = np.zeros_like(temp.band)
     for changed in ({"band": nothing}, {"free": nothing}, {"band": nothing, "free": nothing}):
-        writer: HistoryWriter[int] = HistoryWriter(GRID, "probability", 0.5, predicts=True)
+        writer: LogEncoder[int] = LogEncoder(GRID, "probability", 0.5, predicts=True)
         part = dataclasses.replace(temp, **changed)
         records = writer.add(merged.window, merged.values, part, 0) + writer.drain()
         back = reader("bayes")

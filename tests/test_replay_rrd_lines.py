@@ -16,10 +16,10 @@ from mapping.config import MappingConfig, load_config
 from mapping.pipeline import build_maps
 from recorder.session import read_session
 from replay.rrd import layout
+from replay.rrd.explanation import describe, layer_of
 from replay.rrd.reader import RrdRecording, read_rrd
-from replay.rrd.run_writer import RunWriter
-from replay.rrd.stages import arrow
-from replay.rrd.words import describe, layer_of
+from replay.rrd.results import arrow
+from replay.rrd.writer import run_writer
 
 STEPS = 7
 
@@ -39,7 +39,7 @@ def artifacts() -> list[Artifact]:
 @pytest.fixture(scope="module")
 def recording(artifacts: list[Artifact], tmp_path_factory: pytest.TempPathFactory) -> RrdRecording:
     path = Path(tmp_path_factory.mktemp("rrd"), "run.rrd")
-    with RunWriter(path, config_of(), config_text="", name="run") as writer:
+    with run_writer(path, config_of(), name="run") as writer:
         for artifact in artifacts:
             writer(artifact)
     return read_rrd(path)
@@ -157,7 +157,7 @@ def test_stages_come_one_by_one_or_not_at_all_as_asked() -> None:
 
 def test_no_thresholds_no_pictures(artifacts: list[Artifact], tmp_path: Path) -> None:
     config = config_of("borders.compare=[]")
-    with RunWriter(tmp_path / "run.rrd", config, config_text="", name="run") as writer:
+    with run_writer(tmp_path / "run.rrd", config, name="run") as writer:
         for artifact in artifacts:
             writer(artifact)
     found = read_rrd(tmp_path / "run.rrd")

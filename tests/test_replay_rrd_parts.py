@@ -184,10 +184,10 @@ def simulate(
     for number in range(readings):
         if number and number % 50 == 0:
             thinning.review(size, number / readings)
-        if thinning.next_is_shown():
+        detail = thinning.next()
+        if detail.shown:
             shown += 1
-            size += picture_bytes + exact_bytes * thinning.exact
-            size += patch_bytes * thinning.changes
+            size += picture_bytes + exact_bytes * detail.exact + patch_bytes * detail.changes
     return size, shown
 
 
@@ -223,13 +223,13 @@ def test_a_budget_is_never_passed(readings: int, picture: int, exact: int, patch
 
 def test_what_the_user_asked_to_leave_out_is_left_out() -> None:
     thinning = Thinning(1e9, every=4)
-    shown = [number for number in range(40) if thinning.next_is_shown()]
+    shown = [number for number in range(40) if thinning.next().shown]
     assert shown == list(range(0, 40, 4))
 
 
-def test_of_a_session_without_a_length_nothing_is_foretold() -> None:
+def test_of_a_session_without_a_length_nothing_is_predicted() -> None:
     thinning = Thinning(1000.0)
-    thinning.next_is_shown()
+    thinning.next()
     assert thinning.review(10**9, 0.0) == ""
 
 

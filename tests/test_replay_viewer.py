@@ -27,6 +27,7 @@ from replay import viewer
 from replay.rrd import layout
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.program import free_ports, is_listening, viewer_environment
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.web import WebViewer
 from replay.rrd.writer import RrdWriter
 
@@ -43,7 +44,7 @@ def artifacts() -> list[Artifact]:
 @pytest.fixture(scope="module")
 def path(artifacts: list[Artifact], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "made.rrd"
-    with RrdWriter(path, config_text="", name="made") as writer:
+    with RrdWriter(path, RunDrawer(), name="made") as writer:
         for artifact in artifacts:
             writer(artifact)
     return path

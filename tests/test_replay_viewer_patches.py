@@ -24,6 +24,7 @@ from replay.rrd import layout
 from replay.rrd.blueprints import CHANGES
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.pictures import strength_classes, strength_names
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.writer import RrdWriter
 
 SENSOR = "ping"
@@ -50,7 +51,7 @@ def shown(
     artifacts: list[Artifact], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[HeadlessViewer]:
     path = tmp_path_factory.mktemp("recording") / "room.rrd"
-    with RrdWriter(path, config_text="", name="room") as writer:
+    with RrdWriter(path, RunDrawer(), name="room") as writer:
         for artifact in artifacts:
             writer(artifact)
     assert writer.left_out == ""

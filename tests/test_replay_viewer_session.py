@@ -30,8 +30,8 @@ from replay.rrd import layout
 from replay.rrd.blueprints import CHANGES, DISPLAYS
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.pictures import beam_outline
-from replay.rrd.run_writer import RunWriter
 from replay.rrd.web import WebViewer
+from replay.rrd.writer import run_writer
 
 WATCHED = (2.21, 0.21)  # on the right wall of the room
 SENSOR = "dirrs"  # narrow beams: its walls come out sharp
@@ -57,7 +57,7 @@ def path(
 ) -> Path:
     path = tmp_path_factory.mktemp("session") / "room.rrd"
     probe = CellProbe(WATCHED)
-    with RunWriter(path, config, config_text="", name="room", probes=[probe]) as writer:
+    with run_writer(path, config, name="room", probes=[probe]) as writer:
         for artifact in artifacts:
             probe(artifact)
             writer(artifact)
@@ -290,7 +290,7 @@ def maps_alone(
         started.geometry, (SENSOR,), nothing_known, started.first_t_ns, started.last_t_ns
     )
     wanted = {s for kind in (Beam, TempGrid, MergedGrid) for s in steps_of(artifacts, kind)}
-    with RunWriter(path, config, config_text="", name="maps") as writer:
+    with run_writer(path, config, name="maps") as writer:
         writer(only)
         for step in sorted(wanted):
             writer(artifacts[step])

@@ -24,7 +24,7 @@ from mapping.artifacts import (
 from mapping.beams import Beam
 from mapping.grid import GridGeometry, Window
 from recorder.geometry import SE2
-from replay.rrd.words import LEGEND, describe, layer_of
+from replay.rrd.explanation import LEGEND, describe, layer_of
 
 GRID = GridGeometry((0.0, 0.0), 0.1, 20, 30)
 BEAM = Beam(

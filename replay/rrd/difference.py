@@ -1,4 +1,4 @@
-"""A comparison as a recording: both maps and their difference side by side, and the words.
+"""A comparison as a recording: both maps and their difference side by side, and the verdict.
 
 For each layer the map plane holds three pictures, ``a``, ``b`` and ``difference``; beside each
 stand its exact values. Lines of both sides and walls that changed are drawn over them.
@@ -100,12 +100,12 @@ def _strips(lines: tuple[Line, ...]) -> rr.LineStrips2D:
 
 
 def _blueprint(report: Report) -> rrb.Blueprint:
-    """A tab for each layer, the three pictures side by side, the words beside them."""
+    """A tab for each layer, the three pictures side by side, the verdict beside them."""
     tabs = [_tab(layer, report) for layer in report.layers]
-    words = rrb.TextDocumentView(origin=_VERDICT, name="What differs")
+    verdict = rrb.TextDocumentView(origin=_VERDICT, name="What differs")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Tabs(*tabs, active_tab=_most_telling(report)), words, column_shares=[7, 2]
+            rrb.Tabs(*tabs, active_tab=_clearest(report)), verdict, column_shares=[7, 2]
         ),
         rrb.TimePanel(state="hidden"),
         rrb.SelectionPanel(state="collapsed"),
@@ -113,12 +113,12 @@ def _blueprint(report: Report) -> rrb.Blueprint:
     )
 
 
-def _most_telling(report: Report) -> int:
+def _clearest(report: Report) -> int:
     """The layer in which a wall changed, or else the one of which most cells differ."""
-    told = {change.layer for change in report.verdict.changes}
+    changed = {change.layer for change in report.verdict.changes}
     return max(
         range(len(report.layers)),
-        key=lambda i: (report.layers[i].name in told, report.layers[i].cells.differ),
+        key=lambda i: (report.layers[i].name in changed, report.layers[i].cells.differ),
     )
 
 

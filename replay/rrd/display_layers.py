@@ -1,10 +1,11 @@
 """The maps drawn in other ways, as layers that can be switched on: depth of colour, merges, odds.
 
 They are pictures, made whenever a whole map is at hand: at each snapshot and at the end. They may
-take a small share of the recording's budget; what does not fit is left out, and that is said.
+take a small share of the recording's budget; what does not fit is left out, and the text
+of the step names it.
 
 A cell takes one byte: the shade of each map in it, in levels. The colour and the name of each
-combination are said once, so that the viewer tells them where one points at a cell.
+combination are written once, so that the viewer shows them where one points at a cell.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from mapping.update_rules import rule_of
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.pictures import Named
+from replay.rrd.sink import Columns, Sink
 
 OF_ONE = ("grey", "reduced", "odds")
 OF_SEVERAL = ("two-colours", "three-colours")
@@ -176,7 +178,7 @@ class _Placed:
     cell_m: float
 
 
-def _placed_cells(rows: Sequence[_Placed]) -> columns.Columns:
+def _placed_cells(rows: Sequence[_Placed]) -> Columns:
     """Cells with their places; row 0 lies at the lowest y."""
     formats = [columns.image_format(row.codes.shape) for row in rows]
     buffers = [row.codes.tobytes() for row in rows]
@@ -189,7 +191,7 @@ def _placed_cells(rows: Sequence[_Placed]) -> columns.Columns:
     ]
 
 
-def _set_up(recording: rr.RecordingStream, entity: str, *, picture: Picture) -> None:
+def _set_up(sink: Sink, entity: str, *, picture: Picture) -> None:
     """The colour and the name of each code, and how the picture is laid over the cells."""
     table = colours(picture.name, len(picture.of), picture.levels)
     named: list[Named] = [(0, "never seen", layout.NEVER_SEEN)]
@@ -198,6 +200,6 @@ def _set_up(recording: rr.RecordingStream, entity: str, *, picture: Picture) -> 
         shares = [f"{of} {100 * d / (picture.levels - 1):.0f} %"
                   for of, d in zip(picture.of, digits, strict=True)]  # fmt: skip
         named.append((code, ", ".join(shares), (r, g, b, 255)))
-    scene.set_up_opaque(recording, entity, named)
+    scene.set_up_opaque(sink, entity, named)
     look = rr.SegmentationImage.from_fields(opacity=1.0, draw_order=layout.ORDER_DISPLAY)
-    recording.log(entity, look, static=True)
+    sink.log(entity, look)

@@ -15,7 +15,7 @@ from mapping.probing import BEHIND, CellProbe, Touch
 from replay import probe_text
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
-from replay.rrd.columns import Stamp
+from replay.rrd.sink import Columns, Sink, Stamp
 
 _HAIR_SHARE = 0.03  # of the grid's diagonal: the four strokes that point at the cell
 
@@ -25,7 +25,7 @@ class ProbeOverlay:
 
     def __init__(self, probes: Sequence[CellProbe]) -> None:
         self._probes = tuple(probes)
-        self._told = [0] * len(self._probes)
+        self._listed = [0] * len(self._probes)
         self._layers: tuple[str, ...] = ()
         self._first = Stamp(0, 0, 0)
         self._plotted: set[str] = set()
@@ -38,20 +38,18 @@ class ProbeOverlay:
             self._write(canvas, number, probe)
 
     def draw(self, canvas: Canvas, artifact: Artifact, *, shown: bool) -> str:
-        """Plot the belief, list the reading if it reached the cell; what it did, in words."""
+        """Plot the belief, list the reading if it reached the cell; what it did, as text."""
         if not isinstance(artifact, MergedGrid | Snapshot | Finished):
             return ""
-        said = [
-            self._follow(canvas, artifact, number, shown) for number in range(len(self._probes))
-        ]
-        return "\n\n".join(text for text in said if text)
+        texts = (self._follow(canvas, artifact, n, shown) for n in range(len(self._probes)))
+        return "\n\n".join(filter(None, texts))
 
     def _follow(
         self, canvas: Canvas, artifact: MergedGrid | Snapshot | Finished, number: int, shown: bool
     ) -> str:
         probe = self._probes[number]
-        new = probe.touches[self._told[number] :]
-        self._told[number] = len(probe.touches)
+        new = probe.touches[self._listed[number] :]
+        self._listed[number] = len(probe.touches)
         for touch in new:
             line = probe_text.touch_text(touch)
             canvas.add(layout.probe_log(number), _log_lines, (line, _level(touch)), len(line))
@@ -85,11 +83,11 @@ class ProbeOverlay:
 
 
 def _level(touch: Touch) -> str:
-    """Readings that say nothing of the cell are written paler."""
+    """Readings that leave the cell as it is are written paler."""
     return "DEBUG" if touch.zone == BEHIND else "INFO"
 
 
-def _log_lines(rows: Sequence[tuple[str, str]]) -> columns.Columns:
+def _log_lines(rows: Sequence[tuple[str, str]]) -> Columns:
     """Lines of a log, each with its level."""
     return list(rr.TextLog.columns(text=[r[0] for r in rows], level=[r[1] for r in rows]))
 
@@ -104,19 +102,16 @@ def _mark(canvas: Canvas, number: int, probe: CellProbe) -> None:
     ways: NDArray[np.float64] = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], np.float64)
     strips = [centre + half * np.array(corners), *(centre + np.array([near * w, far * w])
                                                    for w in ways)]  # fmt: skip
-    canvas.recording.log(
-        layout.probe_mark(number),
-        rr.LineStrips2D(strips, colors=[layout.PROBE], radii=[-1.5], draw_order=layout.ORDER_PROBE),
-        static=True,
+    mark = rr.LineStrips2D(
+        strips, colors=[layout.PROBE], radii=[-1.5], draw_order=layout.ORDER_PROBE
     )
-    scene.set_up_story(canvas.recording, layout.probe_story(number))
+    canvas.sink.log(layout.probe_mark(number), mark)
+    scene.set_up_markdown(canvas.sink, layout.probe_story(number))
 
 
-def _set_up_belief(
-    recording: rr.RecordingStream, entity: str, *, name: str, colour: layout.Colour
-) -> None:
+def _set_up_belief(sink: Sink, entity: str, *, name: str, colour: layout.Colour) -> None:
     """A stair: a belief stays until the next reading that reaches the cell."""
     lines = rr.SeriesLines(
         names=[f"{name}, % occupied"], colors=[colour], widths=[2.0], interpolation_mode="StepAfter"
     )
-    recording.log(entity, lines, static=True)
+    sink.log(entity, lines)

@@ -1,4 +1,4 @@
-"""Keep a recording within its budget by leaving things out, and say what was left out.
+"""Keep a recording within its budget by leaving things out, and report what was left out.
 
 What a reading costs is known only once some are written. So the writer reports the size of the
 file from time to time. Where the rest of the session would not fit, a later stage is taken: the
@@ -49,6 +49,17 @@ _EARLY, _LITTLE = 0.02, 0.1
 _PATIENCE = 0.6  # by how much the rest may seem too much at the very beginning; less and less later
 
 
+@dataclass(frozen=True, slots=True)
+class Detail:
+    """How much of one reading is recorded: whether it is drawn, with its exact values, and with
+    what it changed. ``left_out`` describes what was left out so far."""
+
+    shown: bool = True
+    exact: bool = True
+    changes: bool = True
+    left_out: str = ""
+
+
 @dataclass(slots=True)
 class Thinning:
     """Which readings are shown (every ``every``-th at least), and which with exact values."""
@@ -65,32 +76,18 @@ class Thinning:
     _bytes_then: int = 0
     _reserved_then: int = 0
     _done_then: float = 0.0
-    _shown_now: bool = field(default=True)
 
-    def next_is_shown(self) -> bool:
-        """Count one more reading; whether it is to be shown."""
-        every = self.every * self._stages[self._stage].every
-        self._shown_now = self._seen % every == 0
-        self._seen += 1
-        return self._shown_now
+    def next(self) -> Detail:
+        """Count one more reading; how much of it is to be recorded.
 
-    @property
-    def exact(self) -> bool:
-        """Whether the newest reading gets its exact values."""
-        return (
-            self._shown_now and (self._seen - 1) % self._exact_every(self._stages[self._stage]) == 0
-        )
-
-    @property
-    def tells_all(self) -> bool:
-        """Whether every reading shown gets them."""
+        One that is not shown has its exact values where all that are shown have theirs.
+        """
         stage = self._stages[self._stage]
-        return self._exact_every(stage) == self.every * stage.every
-
-    @property
-    def changes(self) -> bool:
-        """Whether what a reading changed is drawn by itself."""
-        return self._stages[self._stage].changes
+        every, exact_every = self.every * stage.every, self._exact_every(stage)
+        shown = self._seen % every == 0
+        exact = self._seen % exact_every == 0 if shown else exact_every == every
+        self._seen += 1
+        return Detail(shown, exact, stage.changes, self.left_out)
 
     def review(
         self, size_bytes: int, done: float, reserved_bytes: int = 0, exact_share: float = 1.0
@@ -149,7 +146,7 @@ class Thinning:
             self._costs.clear()
 
     def _remember(self, cost: float, done: float) -> None:
-        """Note what a reading costs at this stage; what others cost says less, the longer ago."""
+        """Note what a reading costs at this stage; what others cost counts less, the longer ago."""
         for stage in self._costs:
             self._costs[stage] *= _REMEMBERED ** (done - self._done_then)
         self._costs[self._stage] = cost
@@ -179,13 +176,14 @@ class Thinning:
 
     def _sentence(self, stage: _Stage, where: str) -> str:
         every = self.every * stage.every
-        said = ["every reading is shown" if every == 1 else f"one reading of {every} is shown"]
+        parts = ["every reading is shown" if every == 1 else f"one reading of {every} is shown"]
         if self._exact_every(stage) != every:
-            said.append(f"exact values are kept at one of {self._exact_every(stage)} readings")
+            parts.append(f"exact values are kept at one of {self._exact_every(stage)} readings")
         if not stage.changes:
-            said.append("the differences that readings made are not drawn")
-        told = f"{', '.join(said[:-1])} and {said[-1]}" if len(said) > 1 else said[0]
+            parts.append("the differences that readings made are not drawn")
+        *but_last, last = parts
+        what = f"{', '.join(but_last)} and {last}" if but_last else last
         return (
             f"To stay under {self.budget_bytes / 1e6:g} MB, this file leaves something out: "
-            f"{where} {told}. All readings go into the map."
+            f"{where} {what}. All readings go into the map."
         )

@@ -9,13 +9,13 @@ from __future__ import annotations
 import functools
 
 import numpy as np
-import rerun as rr
 
 from mapping.artifacts import Artifact, Snapshot, Started
 from mapping.borders import threshold_layer, trace_borders
 from mapping.config import BordersSection
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
+from replay.rrd.sink import Sink
 from replay.tables import markdown_table
 
 
@@ -53,5 +53,5 @@ class ThresholdsOverlay:
         return f"{threshold:g}", f"{int(occupied.sum()):,}", f"{len(borders):,}"
 
 
-def _set_up(recording: rr.RecordingStream, root: str, *, threshold: float) -> None:
-    scene.set_up_two_classes(recording, root, "at most the threshold", f"above {threshold:g}")
+def _set_up(sink: Sink, root: str, *, threshold: float) -> None:
+    scene.set_up_two_classes(sink, root, "at most the threshold", f"above {threshold:g}")

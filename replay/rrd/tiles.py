@@ -1,7 +1,7 @@
-"""The newest state of each layer, kept by the writer, and which of its tiles the file lacks.
+"""The newest state of each layer, and which of its tiles the file lacks.
 
-A reading tells only what happened inside its window. The writer keeps the whole grid, so that a
-tile can be written complete, and so that readings left out of the recording still count.
+A reading changes a window. The whole grid is kept, so that a tile can be written complete, and so
+that readings left out of the recording still count.
 """
 
 from __future__ import annotations
@@ -14,10 +14,8 @@ from numpy.typing import NDArray
 
 from mapping.grid import Window
 from mapping.update_rules import UpdateRule, rule_of
-from replay.rrd.layout import Tiling
+from replay.rrd.layout import Place, Tiling
 from replay.rrd.pictures import UNSEEN, percent_classes
-
-Place = tuple[int, int]
 
 _CODEC = pa.Codec("lz4_raw")  # as the file packs
 _TRIED_TILES = 16
@@ -77,7 +75,8 @@ class LayerTiles:
         before = self.values[part].max(initial=0.0) if self._rule else 0.0
         # Compared as bits: NaN equals itself, and 0.0 is not -0.0.
         self._take(self.values.view(np.uint32), new.view(np.uint32), window, self._inexact)
-        self._redraw(window, percent_classes(probability, self.observed[part]))
+        shades = percent_classes(probability, self.observed[part])
+        self._take(self.picture, shades, window, self._undrawn)
         if self._rule is not None:
             self._follow_largest(self._rule, float(new.max(initial=0.0)), float(before))
 
@@ -95,7 +94,7 @@ class LayerTiles:
         self._stale[:] = False
         return self.take_inexact()
 
-    def told(self) -> None:
+    def mark_logged(self) -> None:
         """The file holds all values now, though not as whole tiles."""
         self._stale |= self._inexact
         self._inexact[:] = False
@@ -115,9 +114,6 @@ class LayerTiles:
     def exact(self) -> bool:
         """Whether all values are in the file as they are now."""
         return self._begun and not self._inexact.any()
-
-    def _redraw(self, window: Window, picture: NDArray[np.uint8]) -> None:
-        self._take(self.picture, picture, window, self._undrawn)
 
     def _take(
         self, grid: NDArray[T], new: NDArray[T], window: Window, differing: NDArray[np.bool_]
@@ -139,7 +135,7 @@ class LayerTiles:
             values = self.values[part].astype(np.float64)
             shares = rule.probability_of_values(values, self._largest, {})
             picture = percent_classes(shares.astype(np.float32), self.observed[part])
-            self._redraw(self._seen, picture)
+            self._take(self.picture, picture, self._seen, self._undrawn)
 
     def _cut(self, grid: NDArray[T], place: Place) -> NDArray[T]:
         return grid[self.tiling.window(*place).slices].copy()

@@ -17,7 +17,6 @@ from replay.diff.layers import (
     outline_of,
     value_layer,
 )
-from replay.rrd.prefixed_stream import root_of
 from replay.rrd.reader import RrdRecording, map_names, read_rrd
 
 
@@ -80,7 +79,7 @@ def _opened(path: Path, name: str) -> RrdRecording:
         if name not in names:
             there = f"the maps in it are {', '.join(names)}" if names else "it holds a single map"
             raise BadInput(f"{path}: no map {name!r}; {there}")
-        return read_rrd(path, root_of(name))
+        return read_rrd(path, name)
     try:
         return read_rrd(path)
     except BadInput:

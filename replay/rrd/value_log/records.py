@@ -1,10 +1,10 @@
 """All values that a layer ever held, reading by reading, in as few bytes as they truly need.
 
 A reading multiplies the odds of each cell that it covers by a factor: one for each distance in
-front of its band (see :mod:`replay.rrd.radial_profile`), a few in the band itself. From these the
-new values are predicted, and a record holds only where they came out differently. What cannot be
-predicted is written as plain differences to the values before. Either way the values come back bit
-for bit: each record carries a checksum of what it must come to.
+front of its band (see :mod:`replay.rrd.value_log.radial_profile`), a few in the band itself. From
+these the new values are predicted, and a record holds only where they came out differently. What
+cannot be predicted is written as plain differences to the values before. Either way the values come
+back bit for bit: each record carries a checksum of what it must come to.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
-from replay.rrd.history_track import Cells, Covered, Floats, Singles, Track
-from replay.rrd.radial_profile import RadialProfile
+from replay.rrd.value_log.radial_profile import RadialProfile
+from replay.rrd.value_log.track import Cells, Covered, Floats, Singles, Track
 
 _PLAIN, _PREDICTED, _TABLE = 0, 1, 2
 _NO_TABLE = 255
@@ -30,7 +30,7 @@ _COUNTS = struct.Struct("<dddIII")
 _CODEC = pa.Codec("zstd", compression_level=3)
 
 
-class HistoryError(ValueError):
+class ValueLogError(ValueError):
     """A record does not follow the one before it, or does not come to what it must."""
 
 
@@ -82,7 +82,7 @@ class Masks:
 
     def covered(self, geometry: GridGeometry) -> tuple[Cells, Cells, int, int]:
         """The same as cells of the grid and of the window; how many in front and in the band."""
-        from mapping.kernels.predicting import covered_cells
+        from replay.rrd.value_log.kernels import covered_cells
 
         w = self.window
         cells, inner, in_front, in_band = covered_cells(
@@ -128,7 +128,7 @@ def _distinct(factors: Floats) -> tuple[Floats, NDArray[np.uint16]]:
     return distinct, which.astype(np.uint16)
 
 
-class HistoryReader:
+class LogReader:
     """Takes the records of a layer one after the other; ``values`` are what they come to."""
 
     def __init__(self, track: Track) -> None:
@@ -156,14 +156,14 @@ class HistoryReader:
                 self._result(record.head, record.body)
 
     def take(self, records: bytes) -> None:
-        """Follow records. Raises HistoryError where one is missing or it comes out wrong."""
+        """Follow records. Raises ValueLogError where one is missing or it comes out wrong."""
         for record in _records(records):
             head = record.head
             if head.number != self._number:
-                raise HistoryError(f"record {self._number} is missing")
+                raise ValueLogError(f"record {self._number} is missing")
             self._number += 1
             if zlib.crc32(self._result(head, record.body)) != head.checksum:
-                raise HistoryError(f"record {head.number} does not come to what it must")
+                raise ValueLogError(f"record {head.number} does not come to what it must")
 
     def _result(self, head: Head, body: bytes) -> bytes:
         """Follow one record; what its checksum is of."""

@@ -1,4 +1,4 @@
-"""What a step did, in words with its numbers: short markdown for someone new to maps.
+"""What a step did, as text with its numbers: short markdown for someone new to maps.
 
 One function for each artifact; :func:`describe` picks it. Lengths are in metres, angles in degrees
 counter-clockwise from the x axis.
@@ -7,6 +7,7 @@ counter-clockwise from the x axis.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from mapping.artifacts import (
     TracerStep,
 )
 from mapping.beams import Beam
-from mapping.grid import GridGeometry, Window
 from replay.rrd import layout
 from replay.tables import markdown_table
 
@@ -35,7 +35,7 @@ LEGEND = """\
 read its probability.
 
 **One reading** (over the map): red cells become more occupied, blue ones more free;
-the stronger the colour, the more the reading says.
+the stronger the colour, the stronger the evidence.
 
 **Lines**: the sensor's colour is the beam and its obstacle points, teal the robot and its path,
 green the true walls where they are known. At the end: yellow are cells above the threshold, orange
@@ -50,38 +50,6 @@ occupied, pale where empty.
 **Keys**: arrows go one step on or back: in `step` one thing, in `reading` a whole reading.
 Ctrl and the wheel zoom, dragging moves, a double click shows all.
 """
-
-
-def describe(artifact: Artifact) -> str:
-    """Markdown for one step. Raises TypeError for something that is no artifact."""
-    match artifact:
-        case Started():
-            return _started(artifact)
-        case Beam():
-            return _beam(artifact)
-        case TempGrid():
-            return _temp(artifact)
-        case MergedGrid():
-            return _merged(artifact)
-        case Snapshot():
-            return _snapshot(artifact)
-        case Thresholded():
-            return _thresholded(artifact)
-        case Classes():
-            return _classes(artifact)
-        case Border():
-            return _border(artifact)
-        case RawPoints():
-            return _raw_points(artifact)
-        case TracerStep():
-            return _tracer_step(artifact)
-        case LineStage():
-            return _line_stage(artifact)
-        case Segment():
-            return _segment(artifact)
-        case Finished():
-            return _finished(artifact)
-    raise TypeError(f"{type(artifact).__name__} is no artifact")
 
 
 def _started(started: Started) -> str:
@@ -131,12 +99,12 @@ def _what_it_means(beam: Beam) -> str:
 
 
 def _temp(temp: TempGrid) -> str:
-    from mapping.kernels.recording import said_of
+    from mapping.kernels.recording import evidence_of
 
-    in_band, most, in_front, least = said_of(temp.probability, temp.free, temp.band)
+    in_band, most, in_front, least = evidence_of(temp.probability, temp.free, temp.band)
     if not in_band and not in_front:
-        return f"## Reading {temp.beam.number} says nothing\n\nIt touches no cell of the map."
-    lines = [f"## Reading {temp.beam.number}: what {temp.beam.sensor} says of each cell\n"]
+        return f"## Reading {temp.beam.number} is no evidence\n\nIt touches no cell of the map."
+    lines = [f"## Reading {temp.beam.number}: the evidence of {temp.beam.sensor} for each cell\n"]
     if in_band:
         lines.append(
             f"- **Red, {in_band:,} cells**: the obstacle may be here. Probability of being "
@@ -149,7 +117,7 @@ def _temp(temp: TempGrid) -> str:
             f"- **Blue, {in_front:,} cells**: the beam passed through them, so they are "
             f"rather free. Probability down to {percent(least)}."
         )
-    lines.append("- All other cells: 50 %, this reading says nothing of them.")
+    lines.append("- All other cells: 50 %, this reading is no evidence for them.")
     return "\n".join(lines)
 
 
@@ -163,11 +131,12 @@ def _merged(merged: MergedGrid) -> str:
     if not changed:
         return f"{head}{rule} No cell changed."
     row, col = divmod(most, merged.window.cols)
-    x, y = _centre(merged.geometry, merged.window, row, col)
+    cell = np.array([[row + merged.window.row0, col + merged.window.col0]], np.int64)
+    x, y = merged.geometry.centres_of(cell)[0]
     return (
         f"{head}{rule} **{changed:,} cells changed**: {occupied:,} more occupied, "
         f"{free:,} more free.\n\nThe largest change: the cell at ({x:.3f}, {y:.3f}) m (row "
-        f"{row + merged.window.row0}, column {col + merged.window.col0}) went from "
+        f"{cell[0, 0]}, column {cell[0, 1]}) went from "
         f"{percent(before[row, col])} to **{percent(after[row, col])}**.\n\n"
         f"Of the {after.size:,} cells around this beam, {above:,} are now "
         f"rather occupied and {below:,} rather free."
@@ -238,7 +207,7 @@ def _tracer_step(step: TracerStep) -> str:
     )
 
 
-_STAGES = {  # heading; what was done; what the number says
+_STAGES = {  # heading; what was done; what the number is
     "split": ("cut", "Blue: {n} pieces that bend too much. Each is cut at the red dot, the point "
               "farthest from its chord", "{low:.3f} to {high:.3f} m away"),
     "merge": ("join", "Blue: {n} times two pieces that are one line became one; red is where they "
@@ -254,11 +223,11 @@ _STAGES = {  # heading; what was done; what the number says
 def _line_stage(stage: LineStage) -> str:
     heading, done, measure = _STAGES[stage.kind]
     count = max(len(stage.pieces_m), len(stage.places_m))
-    told = ""
+    measured = ""
     if stage.sizes and measure:
-        told = ": " + measure.format(low=min(stage.sizes), high=max(stage.sizes))
+        measured = ": " + measure.format(low=min(stage.sizes), high=max(stage.sizes))
     origin = "raw points" if stage.source == "raw" else "the borders of its grid"
-    return f"## {stage.layer}: {heading} ({origin})\n\n{done.format(n=count)}{told}."
+    return f"## {stage.layer}: {heading} ({origin})\n\n{done.format(n=count)}{measured}."
 
 
 def _segment(segment: Segment) -> str:
@@ -286,12 +255,6 @@ def _finished(finished: Finished) -> str:
     )
 
 
-def _centre(geometry: GridGeometry, window: Window, row: int, col: int) -> tuple[float, float]:
-    cell = np.array([[row + window.row0, col + window.col0]], np.int64)
-    x, y = geometry.centres_of(cell)[0]
-    return float(x), float(y)
-
-
 def percent(share: float) -> str:
     """``0.558243`` → ``55.8 %``; near 0, ½ and 1, where it matters, with more digits."""
     value = 100.0 * float(share)
@@ -307,8 +270,21 @@ def layer_of(artifact: Artifact) -> str:
             return artifact.layer.name
         case TempGrid():
             return artifact.beam.layer
-        case Beam() | MergedGrid() | Thresholded() | Border() | RawPoints() | Segment():
-            return artifact.layer
-        case TracerStep() | LineStage():
-            return artifact.layer
-    return ""
+        case Started() | Classes() | Finished():
+            return ""
+    return artifact.layer
+
+
+_DESCRIBED: dict[type[Artifact], Callable[..., str]] = {
+    Started: _started, Beam: _beam, TempGrid: _temp, MergedGrid: _merged, Snapshot: _snapshot,
+    Thresholded: _thresholded, Classes: _classes, Border: _border, RawPoints: _raw_points,
+    TracerStep: _tracer_step, LineStage: _line_stage, Segment: _segment, Finished: _finished,
+}  # fmt: skip
+
+
+def describe(artifact: Artifact) -> str:
+    """Markdown for one step. Raises TypeError for something that is no artifact."""
+    described = _DESCRIBED.get(type(artifact))
+    if described is None:
+        raise TypeError(f"{type(artifact).__name__} is no artifact")
+    return described(artifact)

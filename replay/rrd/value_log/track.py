@@ -7,14 +7,13 @@ the same bits on every machine.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
-from replay.rrd.radial_profile import RadialProfile
+from replay.rrd.value_log.radial_profile import RadialProfile
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -23,12 +22,12 @@ Cells = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class Covered:
-    """The cells that a reading speaks of, as flat indices into the grid, and what it says.
+    """The cells that a reading covers, as flat indices into the grid, and its factors there.
 
     The first ``in_front`` of ``cells`` lie in front, of which only the distance is known; then come
-    those in the band, whose ``factors`` are given, and others that are changed though nothing is
-    said of them. ``inner`` are the same cells as indices into the reading's window, ``sensor_m`` is
-    where the sensor stood.
+    those in the band, whose ``factors`` are given, and others that are changed without one.
+    ``inner`` are the same cells as indices into the reading's window, ``sensor_m`` is where the
+    sensor stood.
     """
 
     sensor_m: tuple[float, float]
@@ -70,7 +69,7 @@ class Track:
 
     def distances_m(self, sensor_m: tuple[float, float], cells: Cells) -> Floats:
         """From a sensor to the centres of cells, which are in ascending order."""
-        from mapping.kernels.predicting import distances_m
+        from replay.rrd.value_log.kernels import distances_m
 
         geometry = self.geometry
         x, y = (start - at for start, at in zip(geometry.origin_m, sensor_m, strict=True))
@@ -79,7 +78,7 @@ class Track:
 
     def predict(self, covered: Covered, table: int) -> tuple[Floats, Singles]:
         """Odds and values that the covered cells should have after a reading."""
-        from mapping.kernels.predicting import front_factors, predict
+        from replay.rrd.value_log.kernels import front_factors, predict
 
         free = np.ones(covered.in_front)
         if table < len(self.tables):
@@ -100,7 +99,7 @@ class Track:
         A value that was missed by one bit had odds at the border between the two, nearly. Returns
         the values of all covered cells; ``odds`` and ``predicted`` are written over.
         """
-        from mapping.kernels.predicting import settle
+        from replay.rrd.value_log.kernels import settle
 
         off = np.abs(predicted[missed].view(np.int32).astype(np.int64) - true.view(np.int32))
         settle(
@@ -108,8 +107,3 @@ class Track:
             self.kind == "odds",
         )  # fmt: skip
         return predicted
-
-
-def largest_odds(clamp: float) -> float:
-    """The odds beyond which readings change nothing, from the clamp of the log-odds."""
-    return math.exp(clamp)

@@ -13,21 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.grid import GridGeometry, Window
-from replay.rrd.history import HistoryReader
-from replay.rrd.history_track import Track
+from mapping.grid import Window
+from replay.rrd.value_log.records import LogReader
+from replay.rrd.value_log.track import Track
 
 Singles = NDArray[np.float32]
 Tiles = list[tuple[Window, Singles]]
-
-
-@dataclass(frozen=True, slots=True)
-class LayerStart:
-    """What a layer is before any reading."""
-
-    geometry: GridGeometry
-    kind: str
-    value: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,16 +31,16 @@ class _Event:
 
 
 class Playback:
-    """One layer, from what it was before any reading on.
+    """One layer; ``start`` is what it is before any reading.
 
     ``tiles``, ``records`` and ``whole_maps`` are each in the order of their steps. With ``begin``,
-    a whole map's step, all up to it is passed over quickly. Raises HistoryError where records are
+    a whole map's step, all up to it is passed over quickly. Raises ValueLogError where records are
     lost or spoiled.
     """
 
     def __init__(
         self,
-        start: LayerStart,
+        start: Track,
         tiles: Iterable[tuple[int, Tiles]],
         records: Iterable[tuple[int, bytes]],
         whole_maps: Iterable[int],
@@ -57,7 +48,7 @@ class Playback:
         begin: int = -1,
     ) -> None:
         self.begin, self.step = begin, begin
-        self._reader = HistoryReader(Track(start.geometry, start.kind, start.value))
+        self._reader = LogReader(start)
         self._coming = _by_step(tiles, records, whole_maps)
         self._next = next(self._coming, None)
         self.at(begin)

@@ -168,7 +168,7 @@ def settle(
 ) -> None:  # fmt: skip
     """Write what was predicted into all odds and values; ``missed`` cells get ``true`` instead.
 
-    ``distance_bits`` tells how many bit patterns lie between the two: of one, the odds were at the
+    ``distance_bits`` is how many bit patterns lie between the two: of one, the odds were at the
     border between both values, nearly; else they are not known. ``after`` and ``predicted`` become
     what was written.
     """

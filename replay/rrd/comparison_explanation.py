@@ -1,6 +1,6 @@
 """What a step did in each of several maps: the same moment in a table, a line for each map.
 
-Where all maps agree it is said once, in the words of a single map.
+Where all maps agree it stands there once, as for a single map.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mapping.beams import Beam
 from replay.comparison import Variant
 from replay.comparison_steps import SAME_PLACE_M, Distances, Moment, apart
 from replay.comparison_table import footnotes, map_rows, shown_layer, table_of
-from replay.rrd import words
+from replay.rrd.explanation import describe, percent
 from replay.tables import markdown_table
 
 Some = TypeVar("Some")
@@ -33,7 +33,7 @@ Row = Sequence[object]
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Compared:
     """What is known of a comparison beside the moment itself."""
 
     variants: Mapping[str, Variant]
@@ -43,23 +43,23 @@ class Told:
     left_out: str
 
 
-def describe_moment(moment: Moment, told: Told) -> str:
+def describe_moment(moment: Moment, known: Compared) -> str:
     """Markdown for one step of several maps."""
-    begun = _all(moment, Started)
-    if begun:
-        return _started(begun, told)
-    beams = _all(moment, Beam)
-    if beams:
-        return _beams(beams, told)
-    temps = _all(moment, TempGrid)
-    if temps:
+    if begun := _all(moment, Started):
+        return _started(begun, known)
+    if beams := _all(moment, Beam):
+        return _beams(beams, known)
+    if temps := _all(moment, TempGrid):
         return _temps(temps)
-    merged = _all(moment, MergedGrid)
-    if merged:
+    if merged := _all(moment, MergedGrid):
         return _merged(merged)
-    if _all(moment, Finished):
-        return _finished(moment, told)
-    return _results(moment)
+    if snapshots := _all(moment, Snapshot):
+        return _snapshots(snapshots)
+    if thresholded := _all(moment, Thresholded):
+        return _thresholded(thresholded)
+    if segments := _all(moment, Segment):
+        return _segments(segments)
+    return _finished(moment, known) if _all(moment, Finished) else _each(moment)
 
 
 def _all(moment: Moment, kind: type[Some]) -> dict[str, Some]:
@@ -68,26 +68,26 @@ def _all(moment: Moment, kind: type[Some]) -> dict[str, Some]:
     return found if len(found) == len(moment) else {}
 
 
-def _started(begun: Mapping[str, Started], told: Told) -> str:
+def _started(begun: Mapping[str, Started], known: Compared) -> str:
     rows = [
         (name, f"{one.geometry.cols} × {one.geometry.rows}", f"{one.geometry.resolution_m:g} m")
         for name, one in begun.items()
     ]
-    notes = [f"- **{v.name}**: {v.note}" for v in told.variants.values() if v.note]
+    notes = [f"- **{v.name}**: {v.note}" for v in known.variants.values() if v.note]
     one = next(iter(begun.values()))
-    known = "\n\nThe true walls are known and drawn in green." if len(one.walls_m) else ""
+    walls = "\n\nThe true walls are known and drawn in green." if len(one.walls_m) else ""
     return (
         f"## {len(begun)} empty maps of one session\n\nEach view shows one map; every step shows "
         f"the same reading in all of them. The tabs are the layers: "
-        f"**{', '.join(one.layers)}**.{known}\n\n"
+        f"**{', '.join(one.layers)}**.{walls}\n\n"
         f"{_table(('map', 'cells', 'side of a cell'), rows)}\n\n"
         + "\n".join([*notes, "\nPress the **right arrow key** for the next step."])
     )
 
 
-def _beams(beams: Mapping[str, Beam], told: Told) -> str:
+def _beams(beams: Mapping[str, Beam], known: Compared) -> str:
     names = list(beams)
-    text = words.describe(beams[names[0]])
+    text = describe(beams[names[0]])
     lines = []
     first = beams[names[0]].world_from_base
     for name in names[1:]:
@@ -97,27 +97,27 @@ def _beams(beams: Mapping[str, Beam], told: Told) -> str:
                 f"- In **{name}** the robot stands **{away_m:.3f} m** and "
                 f"{math.degrees(turned_rad):.1f}° from where {names[0]} has it."
             )
-    missing = [name for name in told.variants if name not in beams]
+    missing = [name for name in known.variants if name not in beams]
     if missing:
         lines.append(f"- Not used by **{', '.join(missing)}**.")
     return "\n\n".join([text, "\n".join(lines)]) if lines else text
 
 
 def _temps(temps: Mapping[str, TempGrid]) -> str:
-    said = {name: words.describe(temp) for name, temp in temps.items()}
-    if len(set(said.values())) == 1:
-        alike = "\n\nAll maps hear the same." if len(said) > 1 else ""
-        return next(iter(said.values())) + alike
+    texts = {name: describe(temp) for name, temp in temps.items()}
+    if len(set(texts.values())) == 1:
+        alike = "\n\nThe evidence is the same for all maps." if len(texts) > 1 else ""
+        return next(iter(texts.values())) + alike
     rows = []
     for name, temp in temps.items():
         band, free = temp.probability[temp.band], temp.probability[temp.free]
         rows.append((
-            name, f"{band.size:,}", words.percent(band.max()) if band.size else "",
-            f"{free.size:,}", words.percent(free.min()) if free.size else "",
+            name, f"{band.size:,}", percent(band.max()) if band.size else "",
+            f"{free.size:,}", percent(free.min()) if free.size else "",
         ))  # fmt: skip
     number = next(iter(temps.values())).beam.number
     head = ("map", "red cells", "up to", "blue cells", "down to")
-    return f"## What reading {number} says of each cell\n\n{_table(head, rows)}"
+    return f"## The evidence of reading {number} for each cell\n\n{_table(head, rows)}"
 
 
 def _merged(merged: Mapping[str, MergedGrid]) -> str:
@@ -146,37 +146,27 @@ def _two_cells(merged: MergedGrid) -> tuple[str, str]:
     if not len(points):
         return "", ""
     sensor = np.array([merged.beam.world_from_sensor.x_m, merged.beam.world_from_sensor.y_m])
-    told = []
+    changes = []
     for point in (points[0], (points[0] + sensor) / 2):
         (row, col) = merged.geometry.cells_of(point[None])[0]
         row, col = int(row) - merged.window.row0, int(col) - merged.window.col0
         if 0 <= row < merged.window.rows and 0 <= col < merged.window.cols:
             before, after = merged.previous[row, col], merged.probability[row, col]
-            was = words.percent(before).removesuffix(" %")
-            told.append(f"{was} → **{words.percent(after)}**")
+            was = percent(before).removesuffix(" %")
+            changes.append(f"{was} → **{percent(after)}**")
         else:
-            told.append("")
-    return told[0], told[1]
+            changes.append("")
+    return changes[0], changes[1]
 
 
-def _results(moment: Moment) -> str:
-    """Later stages: counts in a table where there is one number for each map, else the words."""
-    snapshots = _all(moment, Snapshot)
-    if snapshots:
-        return _snapshots(snapshots)
-    thresholded = _all(moment, Thresholded)
-    if thresholded:
-        rows = [
-            (name, words.percent(one.threshold), f"{int(one.occupied.sum()):,}")
-            for name, one in thresholded.items()
-        ]
-        layer = next(iter(thresholded.values())).layer
-        head = ("map", "above", "cells, in yellow")
-        return f"## {layer}: which cells count as occupied\n\n{_table(head, rows)}"
-    segments = _all(moment, Segment)
-    if segments:
-        return _segments(segments)
-    return _each(moment)
+def _thresholded(thresholded: Mapping[str, Thresholded]) -> str:
+    rows = [
+        (name, percent(one.threshold), f"{int(one.occupied.sum()):,}")
+        for name, one in thresholded.items()
+    ]
+    layer = next(iter(thresholded.values())).layer
+    head = ("map", "above", "cells, in yellow")
+    return f"## {layer}: which cells count as occupied\n\n{_table(head, rows)}"
 
 
 def _segments(segments: Mapping[str, Segment]) -> str:
@@ -203,35 +193,35 @@ def _snapshots(snapshots: Mapping[str, Snapshot]) -> str:
     return f"## The maps {one.layer.name} {when}\n\n{_table(head, rows)}"
 
 
-def _finished(moment: Moment, told: Told) -> str:
-    finals = {name: some for name, some in told.finals.items() if some}
+def _finished(moment: Moment, known: Compared) -> str:
+    finals = {name: some for name, some in known.finals.items() if some}
     text = ""
     if finals:
-        thresholds = {n: v.config.borders.threshold for n, v in told.variants.items()}
+        thresholds = {n: v.config.borders.threshold for n, v in known.variants.items()}
         layer = shown_layer(finals)
         lines = map_rows(finals, layer, thresholds)
         head, *rows = table_of(lines)
         parts = [f"## The maps {layer}, compared", _table(head, rows), *footnotes(lines), ""]
         text = "\n\n".join(parts)
-    away = "\n".join(f"- {line}" for line in told.distances.sentences())
-    return "\n\n".join(part for part in (text, away, _each(moment), told.left_out) if part)
+    away = "\n".join(f"- {line}" for line in known.distances.sentences())
+    return "\n\n".join(part for part in (text, away, _each(moment), known.left_out) if part)
 
 
 def _each(moment: Moment) -> str:
-    """The words of each map, once where they are the same."""
-    said = {name: words.describe(artifact) for name, artifact in moment.items()}
-    if len(set(said.values())) == 1:
-        return next(iter(said.values()))
-    parts = {name: text.partition("\n") for name, text in said.items()}
+    """The text of each map, once where they are the same."""
+    texts = {name: describe(artifact) for name, artifact in moment.items()}
+    if len(set(texts.values())) == 1:
+        return next(iter(texts.values()))
+    parts = {name: text.partition("\n") for name, text in texts.items()}
     titles = {title for title, _, _ in parts.values()}
     if len(titles) == 1:
         bodies = (f"### {name}\n\n{body.strip()}" for name, (_, _, body) in parts.items())
         return "\n\n".join([titles.pop(), *bodies])
-    told = (
+    bodies = (
         f"### {name}: {title.lstrip('# ')}\n\n{body.strip()}"
         for name, (title, _, body) in parts.items()
     )
-    return "\n\n".join(["## In each map", *told])
+    return "\n\n".join(["## In each map", *bodies])
 
 
 def _table(head: Row, rows: Sequence[Row]) -> str:

@@ -1,6 +1,6 @@
-"""What a sensor's readings say of a cell as a function of its distance alone, as a table.
+"""The evidence of a sensor's readings as a function of the distance alone, as a table.
 
-In front of its band a reading says the same of all cells at one distance, for most sensor models.
+In front of its band a reading is the same evidence for all cells at one distance, for most models.
 The function itself is not known here, only its value at the centres of the cells; many readings
 together sample it densely. From these samples a table is made, once for a sensor, precise enough
 that the values of a map can be predicted to the last bit and need not be written down.
@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 _SPACINGS_M = tuple(0.0005 * 2.0**k for k in range(8))
 _DEGREE = 11
-_PIECE_M = 0.05  # one polynomial fits this far to 12 digits, for what a sensor model may say
+_PIECE_M = 0.05  # one polynomial fits this far to 12 digits, for what sensor models are like
 _LEAST_SAMPLES = 3 * (_DEGREE + 1)
 _ENOUGH_SAMPLES = 256  # for one polynomial; that it fits is tried on all
 _PRECISION = 2e-12  # relative; a few hundred readings may add up before a float32 differs
@@ -43,21 +43,6 @@ class RadialProfile:
         )  # fmt: skip
 
 
-def look_up(cubics: Floats, spacing_m: float, distance_m: Floats) -> Floats:
-    """Factors at distances (N,) of a table's cubics; 1 beyond its end."""
-    # The first cubic starts at knot 1 and serves the distances before it, too.
-    at = distance_m / spacing_m - 1.0
-    piece = np.maximum(at, 0.0).astype(np.int64)
-    inside = piece < len(cubics)
-    np.minimum(piece, len(cubics) - 1, out=piece)
-    u = at - piece
-    c = cubics[piece]
-    factor: Floats = ((c[:, 3] * u + c[:, 2]) * u + c[:, 1]) * u + c[:, 0]
-    if not inside.all():
-        factor[~inside] = 1.0
-    return factor
-
-
 def fit_table(distance_m: Floats, factor: Floats) -> RadialProfile | None:
     """The coarsest table that gives samples (N,) of a function back; None when none does.
 
@@ -75,24 +60,21 @@ def fit_table(distance_m: Floats, factor: Floats) -> RadialProfile | None:
         return None
     best = RadialProfile(_SPACINGS_M[0], fine)
     for k, spacing in enumerate(_SPACINGS_M[1:], 1):
-        coarse = RadialProfile(spacing, _extended(fine, 2**k))
+        coarse = RadialProfile(spacing, fine[:: 2**k].copy())
         if _misses(coarse, x, y) > _PRECISION:
             break
         best = coarse
     return best
 
 
-def _extended(fine: Floats, step: int) -> Floats:
-    """Every ``step``-th knot, up to one that lies at the end of the fine ones or before."""
-    return fine[::step].copy()
-
-
 def _misses(table: RadialProfile, x: Floats, y: Floats) -> float:
     """The largest relative error, but for the few cells where the table's ends are."""
+    from replay.rrd.value_log.kernels import front_factors
+
     if len(table.knots) < 5:
         return math.inf
     covered = (x >= table.spacing_m) & (x <= (len(table.knots) - 3) * table.spacing_m)
-    got = look_up(table.cubics(), table.spacing_m, x[covered])
+    got = front_factors(table.cubics(), table.spacing_m, x[covered])
     return float(np.quantile(np.abs(got / y[covered] - 1.0), 0.98)) if covered.any() else math.inf
 
 

@@ -1,11 +1,12 @@
 """A layer's readings → records of its history.
 
-The first readings of a sensor wait until there are enough of them to make a table of what it says
-at each distance; all later ones are written at once.
+The first readings of a sensor wait until there are enough of them to make a table of their
+factors by distance; all later ones are written at once.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -15,9 +16,9 @@ from numpy.typing import NDArray
 from mapping.artifacts import TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import CLAMP
-from replay.rrd.history import Masks, plain_record, predicted_record, table_record
-from replay.rrd.history_track import Covered, Floats, Singles, Track, largest_odds
-from replay.rrd.radial_profile import RadialProfile, fit_table
+from replay.rrd.value_log.radial_profile import RadialProfile, fit_table
+from replay.rrd.value_log.records import Masks, plain_record, predicted_record, table_record
+from replay.rrd.value_log.track import Covered, Floats, Singles, Track
 
 T = TypeVar("T")
 
@@ -25,15 +26,15 @@ _MOST_MISSED = 0.4  # of the covered cells; above it plain differences are small
 _GATHERED = 16  # readings, before a table is made of them
 _MOST_WAITING = 64  # readings, of all sensors
 _MOST_SAMPLES = 100_000
-_MOST_TABLES = 6  # tried for one sensor; then what it says is no function of the distance
-_TRIED = 64  # cells that tell whether a table fits
+_MOST_TABLES = 6  # tried for one sensor; then its evidence is no function of the distance
+_TRIED = 64  # cells by which a table is judged
 _FITS = 1e-9  # relative
 _FITTING = 0.9  # of the tried cells
 
 
 @dataclass(frozen=True, slots=True)
 class _Waiting(Generic[T]):
-    """A reading not yet written: its new values, what it said, and whatever came with it."""
+    """A reading not yet written: its new values, its evidence, and whatever came with it."""
 
     window: Window
     values: Singles
@@ -44,14 +45,14 @@ class _Waiting(Generic[T]):
 
 @dataclass(slots=True)
 class _Sensor:
-    """Samples of what one sensor says, for its next table, and how many tables were tried."""
+    """Samples of one sensor's factors, for its next table, and how many tables were tried."""
 
     tried: int = 0
     distances_m: list[Floats] = field(default_factory=list)
     factors: list[Floats] = field(default_factory=list)
 
 
-class HistoryWriter(Generic[T]):
+class LogEncoder(Generic[T]):
     """Makes the records of one layer; a ``ticket`` comes back with each record.
 
     ``predicts`` states whether readings may multiply the odds of the cells.
@@ -59,12 +60,12 @@ class HistoryWriter(Generic[T]):
 
     def __init__(self, geometry: GridGeometry, kind: str, start: float, *, predicts: bool) -> None:
         self._predicts = predicts
-        self._track = Track(geometry, kind, start, largest_odds(CLAMP))
+        self._track = Track(geometry, kind, start, math.exp(CLAMP))
         self._number = 0
         self._sensors: dict[str, _Sensor] = {}
         self._lacking: set[str] = set()  # sensors that wait for a table
         self._waiting: list[_Waiting[T]] = []
-        self._unsaid: list[RadialProfile] = []
+        self._new_tables: list[RadialProfile] = []
 
     def add(
         self, window: Window, values: Singles, temp: TempGrid | None, ticket: T
@@ -123,7 +124,7 @@ class HistoryWriter(Generic[T]):
 
     def _samples(self, temp: TempGrid, most: int) -> tuple[Floats, Floats]:
         """Distances and factors of about ``most`` cells in front of a reading; 0: of all."""
-        from mapping.kernels.predicting import some_of
+        from replay.rrd.value_log.kernels import some_of
 
         free = some_of(temp.free, most)
         row, col = np.divmod(free, temp.window.cols)
@@ -144,7 +145,7 @@ class HistoryWriter(Generic[T]):
         distances, factors = self._samples(temp, _TRIED)
         if not len(factors):
             return None, 1.0
-        from mapping.kernels.predicting import share_fitting
+        from replay.rrd.value_log.kernels import share_fitting
 
         best: tuple[int | None, float] = (None, 0.0)
         for number in reversed(range(len(self._track.tables))):
@@ -166,20 +167,20 @@ class HistoryWriter(Generic[T]):
         table = fit_table(distances[::every], factors[::every])
         sensor.tried += 1 if table is not None else _MOST_TABLES // 2
         if table is not None:
-            self._unsaid.append(table)
+            self._new_tables.append(table)
 
     def _written(self, reading: _Waiting[T]) -> bytes:
         """The records of one reading, with the tables that are new."""
-        said = b""
-        for table in self._unsaid:
-            said += table_record(self._track, self._number, table)
+        records = b""
+        for table in self._new_tables:
+            records += table_record(self._track, self._number, table)
             self._number += 1
-        self._unsaid.clear()
+        self._new_tables.clear()
         record = self._predicted(reading) if reading.temp is not None else None
         if record is None:
             record = self._plain(reading)
         self._number += bool(record)
-        return said + record
+        return records + record
 
     def _predicted(self, reading: _Waiting[T]) -> bytes | None:
         temp, values = reading.temp, np.ascontiguousarray(reading.values, np.float32)
@@ -188,8 +189,8 @@ class HistoryWriter(Generic[T]):
         others = self._changed(reading.window, values) & ~(free | band)
         masks = Masks(reading.window, free, band, others)
         cells, inner, in_front, in_band = masks.covered(self._track.geometry)
-        said = temp.probability.ravel()[inner[in_front : in_front + in_band]]
-        covered = Covered(_sensor_m(temp), cells, inner, in_front, in_band, self._factors(said))
+        factors = self._factors(temp.probability.ravel()[inner[in_front : in_front + in_band]])
+        covered = Covered(_sensor_m(temp), cells, inner, in_front, in_band, factors)
         true = values.ravel()[inner]
         table = self._best_table(temp)[0] if reading.table is None else reading.table
         return predicted_record(
