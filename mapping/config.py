@@ -162,7 +162,7 @@ def _used_keys(asked: Mapping[str, Any]) -> set[str]:
     tables: dict[str, Mapping[str, Configurable]]
     tables = {"model": SENSOR_MODELS, "update": UPDATE_RULES}
     for key, table in tables.items():
-        defaults = {entry[key] for entry in map(sensor_defaults, map(kind_of_radiation, Radiation))}
+        defaults = {entry[key] for entry in map(sensor_defaults, CATALOGUE.values())}
         for name in [asked[key]] if key in asked else sorted(defaults):
             known = table[name].Parameters if name in table else Configurable.Parameters
             if key == "model" and known is Configurable.Parameters:

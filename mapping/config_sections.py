@@ -55,7 +55,7 @@ class SensorSection(Section):
     """
 
     topic: str | None = Field(None, description="topic of its readings; default /range/NAME")
-    kind: str | None = Field(None, description="what the sensor is: ping, tfmini, lidar ...")
+    kind: str | None = Field(None, description="what the sensor is: ping, dirrs, lidar")
     beam_width_deg: Annotated[float, Field(gt=0, le=360)] | None = Field(
         None, description="full width of the beam"
     )

@@ -1,4 +1,4 @@
-"""What simulated sensors hear: against a slow twin, and against what real ones are known to do."""
+"""What simulated sensors measure: against a slow twin, and what is known of real ones."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def pings(walls_m, sensor, noise=1.0, count=2000, ranger=PING):
     st.lists(headings, min_size=1, max_size=6),
 )
 @settings(deadline=None, max_examples=150)
-def test_rays_meet_what_the_slow_twin_says(walls_m, origin, headings_rad):
+def test_rays_meet_what_the_slow_twin_gives(walls_m, origin, headings_rad):
     walls_m = walls_m[np.linalg.norm(walls_m[:, 1] - walls_m[:, 0], axis=1) > 1e-3]
     assume(len(walls_m))
     hits = cast(walls_m, np.array(origin), np.array(headings_rad))
@@ -96,7 +96,7 @@ def test_out_of_range_is_infinite():
     assert set(pings(np.array([[[9.0, 0], [9, 1]]]), far, count=50)) == {math.inf}
 
 
-def test_a_wall_ahead_is_heard_with_the_faults_of_a_cheap_sonar():
+def test_a_wall_ahead_is_measured_with_the_faults_of_a_cheap_sonar():
     """Square on, 0.8 m away: 1 % and 5 mm, with 2 % short and 8 % lost."""
     readings_m = pings(ARENA, SE2(0.2, 0.0, 0.0))
     lost = np.isinf(readings_m)
@@ -108,8 +108,8 @@ def test_a_wall_ahead_is_heard_with_the_faults_of_a_cheap_sonar():
     assert usual_m.std() == pytest.approx(math.hypot(0.01 * 0.8, 0.005), rel=0.1)
 
 
-def test_a_cone_hears_what_stands_beside_its_axis():
-    """A post 15 degrees off the axis, with nothing else: heard, though the axis passes it by."""
+def test_a_cone_measures_what_stands_beside_its_axis():
+    """A post 15 degrees off the axis, with nothing else: measured, though the axis passes it by."""
     c, s = 0.6 * math.cos(math.radians(15.0)), 0.6 * math.sin(math.radians(15.0))
     post = rectangle((c, s), 0.06, 0.06, math.radians(15.0))
     readings_m = pings(post, SE2(0.0, 0.0, 0.0), count=500)
@@ -147,14 +147,14 @@ def test_a_whole_run_has_the_known_shares_of_bad_pings():
         rng = np.random.default_rng(5)
         for k in range(0, 1200, 3):
             pose = robot.world_from_base(k * 50_000_000) @ PING.mount
-            heard_m = range_reading(room.walls_m, pose, PING, 1.0, rng)
+            measured_m = range_reading(room.walls_m, pose, PING, 1.0, rng)
             rays = cast(
                 room.walls_m,
                 np.array([pose.x_m, pose.y_m]),
                 pose.heading_rad + fan(PING.parameters.beam_width_rad),
             )
-            lost += heard_m == math.inf
-            longer += math.isfinite(heard_m) and heard_m > rays.distance_m.min() + 0.1
+            lost += measured_m == math.inf
+            longer += math.isfinite(measured_m) and measured_m > rays.distance_m.min() + 0.1
             total += 1
     assert 0.25 < longer / total < 0.42
     assert 0.07 < lost / total < 0.16

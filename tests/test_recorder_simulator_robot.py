@@ -1,4 +1,4 @@
-"""The simulated robot: how it drives, what it says and when."""
+"""The simulated robot: how it drives, what it reports and when."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def test_a_single_waypoint_is_a_turn_on_the_spot():
 # --- messages
 
 
-def test_the_same_seed_says_the_same_and_another_does_not():
+def test_the_same_seed_gives_the_same_and_another_does_not():
     options = {"sensors": ("ping", "dirrs", "lidar"), "head_sweep_deg": 30.0}
     assert repr(run(**options)) == repr(run(**options))
     assert repr(run(seed=5, **options)) != repr(run(**options))
@@ -119,8 +119,8 @@ def test_the_same_seed_says_the_same_and_another_does_not():
 
 def test_a_sensor_left_out_does_not_change_the_others():
     both, alone = run(), run(sensors=("ping",))
-    heard = [m for m in of(both, Range) if m.sensor == "ping"]
-    assert repr(heard) == repr(of(alone, Range))
+    pings = [m for m in of(both, Range) if m.sensor == "ping"]
+    assert repr(pings) == repr(of(alone, Range))
     assert of(both, Pose) == of(alone, Pose)
     assert of(both, Odometry) == of(alone, Odometry)
 
@@ -154,7 +154,7 @@ def test_mounts_come_first():
     assert len(of(pairs, Transform)) == 3
 
 
-def test_what_a_range_says_of_its_sensor():
+def test_what_a_range_holds_of_its_sensor():
     ping, dirrs = of(run(), Range)[:2]
     assert (ping.radiation, ping.min_range_m, ping.max_range_m) == (
         Radiation.ULTRASOUND, 0.02, 4.0)  # fmt: skip

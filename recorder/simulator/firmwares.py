@@ -38,7 +38,7 @@ class Firmware:
     def line(self, report: Report, t_ns: int) -> bytes:
         """The bytes of ``report``, measured at ``t_ns`` of the clock that ``boot`` got.
 
-        None where the protocol cannot carry it.
+        Empty where the protocol cannot carry it.
         """
         if isinstance(report, WheelReport):
             report = self._since_boot(report)
