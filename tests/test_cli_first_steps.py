@@ -13,7 +13,7 @@ import echogrid
 from echogrid import main
 from mapping.artifacts import Finished
 from mapping.config import load_config
-from mapping.config_sections import SensorSection
+from mapping.config_sections import sensor_section
 from mapping.config_text import explained_toml
 from mapping.grid import GridGeometry, Layer
 from mapping.segments.methods import LINE_METHODS
@@ -152,7 +152,7 @@ def test_the_configuration_names_all_there_is_to_choose(
     text = capsys.readouterr().out
     assert text == explained_toml(load_config())
     lines = text.splitlines()
-    for key, field in SensorSection.model_fields.items():
+    for key, field in sensor_section().model_fields.items():
         (line,) = (each for each in lines if each.startswith(f"# {key} ="))
         assert field.description is not None
         assert field.description in line

@@ -17,7 +17,6 @@ from mapping.grid import GridGeometry, Window
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import (
     UPDATE_RULES,
-    at_least_share,
     combine_masses,
     log_odds,
     start,
@@ -72,7 +71,7 @@ def test_count_and_its_thresholds():
     np.testing.assert_array_equal(layer.values[0, :3], [4, 2, 0])
     np.testing.assert_array_equal(layer.probability[0, :3], [1.0, 0.5, 0.0])
     assert layer.kind == "count"
-    kept = [at_least_share(layer.values, share)[0, :4].tolist() for share in (0.25, 0.5, 0.75)]
+    kept = [(layer.probability[0, :4] >= share).tolist() for share in (0.25, 0.5, 0.75)]
     assert kept == [[True, True, False, False], [True, True, False, False],
                     [True, False, False, False]]  # fmt: skip
 

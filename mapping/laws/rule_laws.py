@@ -107,7 +107,7 @@ def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
 
 
 def order_does_not_matter(rule: UpdateRule, draw: Draw) -> str | None:
-    """The same readings in another order give the same map, unless the rule declares otherwise."""
+    """The same readings in another order give the same map, unless ``order_matters``."""
     if rule.order_matters:
         return None
     temps = [random_reading(draw) for _ in range(READINGS)]

@@ -6,6 +6,7 @@ Two tables name what there is: ``SENSOR_MODELS`` (how strong the evidence is) an
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -26,6 +27,7 @@ from mapping.sensor_model.models import (
     region_of,
     regions_table,
 )
+from recorder.errors import BadInput
 
 Floats = NDArray[np.float64]
 Rasteriser = Callable[[Beam, Sensor, SensorModel, GridGeometry], TempGrid]
@@ -45,8 +47,15 @@ __all__ = [
 
 
 def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[Floats, Floats]:
-    """The corners (low, high) of a box around all that a reading can touch, metres."""
-    return beam.bounds_m(reach_of(choose(SENSOR_MODELS, sensor.model, "sensor model"), sensor))
+    """The corners (low, high) of a box around all that a reading can touch, metres.
+
+    Raises BadInput where there is no such model, or its band has no end.
+    """
+    model = choose(SENSOR_MODELS, sensor.model, "sensor model")
+    reach = reach_of(model, sensor)
+    if not math.isfinite(reach):
+        raise BadInput(f"sensor model {model.name!r}: its band has no end ({reach - 1.0} ranges)")
+    return beam.bounds_m(reach)
 
 
 def make_temp_grid(beam: Beam, sensor: Sensor, geometry: GridGeometry) -> TempGrid:

@@ -13,7 +13,6 @@ from mapping.beams import Beam
 from mapping.grid import GridGeometry, Window, read_only
 from mapping.parameters import Sensor
 from mapping.sensor_model.models import CellsInBeam, SensorModel
-from recorder.errors import BadInput
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -89,12 +88,7 @@ def rasterise_cells(
 
 def reach_of(model: SensorModel, sensor: Sensor) -> float:
     """How far a reading can touch cells, in shares of its range: to the end of its band."""
-    before, behind = model.band(sensor)
-    if not (math.isfinite(before) and math.isfinite(behind)):
-        raise BadInput(
-            f"sensor model {model.name!r}: its band is no part of the range ({before}, {behind})"
-        )
-    return 1.0 + max(0.0, behind)
+    return 1.0 + max(0.0, model.band(sensor)[1])
 
 
 def _centres(geometry: GridGeometry, window: Window, beam: Beam) -> tuple[Floats, Floats]:

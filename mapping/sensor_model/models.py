@@ -168,7 +168,7 @@ class Regions(SensorModel):
             "both", description="which of the two errors are Gaussian"
         )
         emptiness: Literal["none", "constant", "linear", "combined"] = Field(
-            "combined", description="how free the cells in front of the band are"
+            "combined", description="what is said of the cells in front of the band"
         )
 
     def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:

@@ -119,10 +119,3 @@ def start(
     """
     known = choose(UPDATE_RULES, rule, "update rule")
     return MapState(known.with_parameters(parameters or {}), geometry)
-
-
-def at_least_share(values: NDArray[np.float32], share: float) -> NDArray[np.bool_]:
-    """Cells that reach a share of the largest value: what the chapter keeps at 25, 50 and 75 %."""
-    largest = float(values.max(initial=0.0))
-    reached: NDArray[np.bool_] = (values > 0) & (values >= share * largest)
-    return reached
