@@ -138,7 +138,7 @@ def test_lines_of_points(method: str) -> None:
                     points, config, layer="p", closed=closed, observe=stages.append
                 )
             )
-            found[f"stages {words} {closed}"] = by_kind(stages)
+            found[f"told {words} {closed}"] = by_kind(stages)
     config = SegmentsSection(method=method)
     found["stages"] = outcome(lambda: stages_of_points(points, config))
     found["around"] = outcome(
