@@ -65,7 +65,7 @@ def config(
 def check(rule: Path) -> int:
     """Try the laws on a model or rule of your own.
 
-    RULE is a Python file with them. Prints which law fails, and why.
+    RULE is a Python file with them. Says in words which law fails, and why.
     """
     from mapping.laws import check_plugin
 

@@ -113,11 +113,11 @@ def test_lines_of_figures(kind: int, source: str) -> None:
     for words in ({}, {"wrap": "off"}, {"wrap": "drop"}, {"merge": "none"}, {"method": "hough"}):
         config = SegmentsSection(source=source, **words)  # type: ignore[arg-type]
         for name, seen in (("all", None), ("half", half)):
-            told: list[object] = []
+            stages: list[object] = []
             lines = segments_from_grid(
-                made, borders, config, observed=seen, reachable=seen, observe=told.append
+                made, borders, config, observed=seen, reachable=seen, observe=stages.append
             )
-            found[f"{words} {name}"] = [lines, by_kind(told)]
+            found[f"{words} {name}"] = [lines, by_kind(stages)]
     GOLDEN.check(f"lines of figure {kind}, {source}", found)
 
 
@@ -132,13 +132,13 @@ def test_lines_of_points(method: str) -> None:
     ):  # fmt: skip
         config = SegmentsSection(method=method, **words)  # type: ignore[arg-type]
         for closed in (None, True, False):
-            told: list[object] = []
+            stages: list[object] = []
             found[f"{words} {closed}"] = outcome(
-                lambda config=config, closed=closed, told=told: segments_from_points(
-                    points, config, layer="p", closed=closed, observe=told.append
+                lambda config=config, closed=closed, stages=stages: segments_from_points(
+                    points, config, layer="p", closed=closed, observe=stages.append
                 )
             )
-            found[f"told {words} {closed}"] = by_kind(told)
+            found[f"told {words} {closed}"] = by_kind(stages)
     config = SegmentsSection(method=method)
     found["stages"] = outcome(lambda: stages_of_points(points, config))
     found["around"] = outcome(
@@ -160,9 +160,11 @@ def test_lines_of_scans(method: str) -> None:
     beams = [a for a in run_of("laser") if isinstance(a, Beam)][:6]
     config, found = SegmentsSection(method=method), {}
     for sigma_m in (None, 0.005, 0.05):
-        told: list[object] = []
-        lines = [segments_from_scan(b, config, sigma_m=sigma_m, observe=told.append) for b in beams]
-        found[f"{sigma_m}"] = [lines, by_kind(told)]
+        stages: list[object] = []
+        lines = [
+            segments_from_scan(b, config, sigma_m=sigma_m, observe=stages.append) for b in beams
+        ]
+        found[f"{sigma_m}"] = [lines, by_kind(stages)]
     GOLDEN.check(f"lines of scans, {method}", found)
 
 

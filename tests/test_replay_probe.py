@@ -199,7 +199,7 @@ def test_predicted_ranges_are_those_of_the_map_before_the_reading(
     assert np.isfinite(of_ping).mean() > 0.5
 
 
-def test_a_map_that_knows_its_room_foretells_what_is_measured(artifacts: list[Artifact]) -> None:
+def test_a_map_that_knows_its_room_predicts_what_is_measured(artifacts: list[Artifact]) -> None:
     """Of the infrared, whose beams are narrow: in the later half most ranges are as predicted."""
     predictor = RangePredictor(0.55)
     gaps = []

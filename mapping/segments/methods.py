@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from mapping.config import SegmentsSection
-from mapping.names import choose
 from mapping.segments.chains import Chains
 from mapping.segments.least_squares import FittedLine
 from mapping.segments.ordered import incremental, line_regression, split_and_merge
 from mapping.segments.stages import Observer
 from mapping.segments.unordered import expectation_maximisation, hough, ransac
+from recorder.errors import BadInput
+from recorder.names import nearest
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,5 +43,8 @@ LINE_METHODS: Mapping[str, LineMethod] = MappingProxyType({m.name: m for m in _M
 
 
 def line_method(name: str) -> LineMethod:
-    """The method of that name; BadInput names the nearest one, or all there are."""
-    return choose(LINE_METHODS, name, "segments.method")
+    """The method of that name; BadInput names the nearest known one."""
+    if name in LINE_METHODS:
+        return LINE_METHODS[name]
+    near = nearest(name, LINE_METHODS, least_likeness=0.0)
+    raise BadInput(f"unknown segments.method {name!r}; the nearest known one is {near}")
