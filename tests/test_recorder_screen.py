@@ -17,7 +17,7 @@ from recorder.messages import Pose, Radiation, Range
 from recorder.recording import RecordingStatus
 from recorder.recording.screen import bars, open_screen
 from recorder.recording.status import lost_anything, status_line
-from recorder.recording.translation import RecordingCounters
+from recorder.translation import RecordingCounters
 
 
 def reading(sensor: str, range_m: float) -> Range:

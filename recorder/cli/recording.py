@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from recorder.recording import RecordingStatus
     from recorder.recording.controls import Controls
     from recorder.recording.options import RecordingOptions
-    from recorder.recording.translation import RecordingCounters
+    from recorder.translation import RecordingCounters
 
 _LONGEST_S = 1e9  # 30 years
 

@@ -21,9 +21,9 @@ from recorder.protocols import Protocol
 from recorder.protocols.reports import Fault, Packet
 from recorder.recording.inbox import Inbox
 from recorder.recording.status import Cadence, RecordingStatus
-from recorder.recording.translation import RecordingCounters, Translator, raw_line
 from recorder.sensors import SensorParameters
 from recorder.tracker import BadTrackerLine, PoseSource, TrackerEvent
+from recorder.translation import RecordingCounters, Translator, raw_line
 
 DIAGNOSTICS_NAME = "recorder"
 

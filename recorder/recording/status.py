@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from recorder.messages import Pose, Range
 from recorder.protocols.reports import HelloReport
-from recorder.recording.translation import RecordingCounters
+from recorder.translation import RecordingCounters
 
 _STEPS_KEPT = 15
 _STEPS_NEEDED = 5
