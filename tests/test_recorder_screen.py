@@ -32,7 +32,6 @@ STATUS = RecordingStatus(
     latest={"ping": reading("ping", 2.0), "dirrs": reading("dirrs", math.inf)},
     rate_hz={"ping": 19.96, "dirrs": 0.0},
     pose=Pose(0, SE2(1.25, 0.8, math.pi / 2)),
-    hello=None,
     missing={"ping": 4, "dirrs": 0},
     paused=False,
 )

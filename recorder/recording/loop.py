@@ -293,7 +293,6 @@ class _Loop:
         return RecordingStatus(
             self._now_ns, (self._now_ns - self._start_ns) / NS_PER_S, self._link_up,
             self._counters(), dict(self._latest), self._rate_hz, self._pose,
-            self._translator.hello,
             {name: cadence.missing for name, cadence in self._cadences.items()}, self._paused,
         )  # fmt: skip
 
