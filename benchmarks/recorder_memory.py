@@ -34,10 +34,10 @@ from recorder.messages import Message  # noqa: E402
 from recorder.protocols.echogrid import EchogridProtocol, encode  # noqa: E402
 from recorder.protocols.reports import HeadReport, RangeReport, Report, WheelReport  # noqa: E402
 from recorder.recording import record  # noqa: E402
-from recorder.recording.translation import RecordingCounters  # noqa: E402
 from recorder.session import SessionWriter  # noqa: E402
 from recorder.simulator.robot import WHEELS  # noqa: E402
 from recorder.tracker import Tracker  # noqa: E402
+from recorder.translation import RecordingCounters  # noqa: E402
 
 START_NS = 1_700_000_000 * NS_PER_S
 CHUNK_NS = NS_PER_S * 4 // 5

@@ -59,7 +59,9 @@ class Tracker:
 
     def __init__(self, source: ByteSource, *, px_per_m: float | None = None) -> None:
         self._source = source
-        self._units_per_m = _scale(px_per_m)
+        if px_per_m is not None and not (math.isfinite(px_per_m) and px_per_m > 0.0):
+            raise BadInput(f"a tracker of {px_per_m} pixels per metre makes no sense")
+        self._units_per_m = 1.0 if px_per_m is None else px_per_m
 
     def events(self, stop: threading.Event) -> Iterator[TrackerEvent]:
         """Poses, bad lines and changes of the link, in order of arrival, until ``stop`` is set.
@@ -136,14 +138,6 @@ def _number(fields: dict[str, Any], name: str) -> float | None:
     except OverflowError:  # a whole number of more than 308 digits
         return None
     return number if math.isfinite(number) else None
-
-
-def _scale(px_per_m: float | None) -> float:
-    if px_per_m is None:
-        return 1.0
-    if not (math.isfinite(px_per_m) and px_per_m > 0.0):
-        raise BadInput(f"a tracker of {px_per_m} pixels per metre makes no sense")
-    return px_per_m
 
 
 class _Lines:

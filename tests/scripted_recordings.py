@@ -14,7 +14,7 @@ from recorder.messages import Message
 from recorder.protocols.echogrid import EchogridProtocol, encode
 from recorder.protocols.reports import RangeReport
 from recorder.recording import record
-from recorder.recording.translation import RecordingCounters
+from recorder.translation import RecordingCounters
 
 START_NS = 1_700_000_000 * NS_PER_S
 

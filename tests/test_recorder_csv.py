@@ -170,7 +170,7 @@ def test_columns_are_for_csv_alone() -> None:
         make_protocol("csv")
     with pytest.raises(BadInput, match="for csv"):
         make_protocol("rbc", "t_ms,ping:cm")
-    with pytest.raises(BadInput, match="did you mean echogrid"):
+    with pytest.raises(BadInput, match="did you mean 'echogrid'"):
         make_protocol("ecogrid")
     assert not make_protocol("csv", "ping:cm").checked
     assert not make_protocol("rbc").checked

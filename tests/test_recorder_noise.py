@@ -17,8 +17,8 @@ from recorder.messages import Message, Range, RawLine
 from recorder.protocols.echogrid import EchogridProtocol, encode
 from recorder.protocols.reports import RangeReport
 from recorder.recording import record
-from recorder.recording.translation import RecordingCounters
 from recorder.session import SessionWriter, read_session
+from recorder.translation import RecordingCounters
 
 LINES = 4000
 FIRST_MM = 100

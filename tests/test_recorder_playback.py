@@ -48,10 +48,10 @@ from recorder.playback.run import PlayedCounts, play
 from recorder.protocols.echogrid import EchogridProtocol
 from recorder.protocols.reports import HeadReport, HelloReport, PoseReport, RangeReport
 from recorder.recording import record
-from recorder.recording.translation import RecordingCounters
 from recorder.session import SessionWriter, read_session
 from recorder.simulator.tracker_server import TrackerServer
 from recorder.tracker import open_tracker
+from recorder.translation import RecordingCounters
 
 START_NS = 1_700_000_000 * NS_PER_S
 

@@ -206,7 +206,7 @@ def test_a_protocol_of_ones_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "reason"),
     [
-        (["--protocol", "ecogrid"], "did you mean echogrid"),
+        (["--protocol", "ecogrid"], "did you mean 'echogrid'"),
         (["--protocol", "csv"], "csv needs its columns named"),
         (["--columns", "ping:cm"], "for csv"),
         (["--wheels", "1,2"], "--wheels RADIUS_M,TRACK_M,COUNTS is wanted"),

@@ -23,11 +23,11 @@ from recorder.odometry import WheelGeometry
 from recorder.protocols.echogrid import EchogridProtocol, encode
 from recorder.protocols.reports import HelloReport, WheelReport
 from recorder.recording import record
-from recorder.recording.translation import RecordingCounters
 from recorder.simulator.robot import WHEELS
 from recorder.simulator.rooms import load_room
 from recorder.simulator.serial_robot import SerialRobot
 from recorder.tracker import Tracker, open_tracker
+from recorder.translation import RecordingCounters
 
 
 class Background(threading.Thread):

@@ -17,7 +17,7 @@ from recorder.messages import Pose, Radiation, Range
 from recorder.recording import RecordingStatus
 from recorder.recording.screen import bars, open_screen
 from recorder.recording.status import lost_anything, status_line
-from recorder.recording.translation import RecordingCounters
+from recorder.translation import RecordingCounters
 
 
 def reading(sensor: str, range_m: float) -> Range:
@@ -32,7 +32,6 @@ STATUS = RecordingStatus(
     latest={"ping": reading("ping", 2.0), "dirrs": reading("dirrs", math.inf)},
     rate_hz={"ping": 19.96, "dirrs": 0.0},
     pose=Pose(0, SE2(1.25, 0.8, math.pi / 2)),
-    hello=None,
     missing={"ping": 4, "dirrs": 0},
     paused=False,
 )

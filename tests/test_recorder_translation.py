@@ -34,9 +34,9 @@ from recorder.protocols.reports import (
     Report,
     WheelReport,
 )
-from recorder.recording.translation import RecordingCounters, Translator
 from recorder.sensors import SensorParameters
 from recorder.tracker import BadTrackerLine, TrackedPose
+from recorder.translation import RecordingCounters, Translator
 
 NOW_NS = 1_700_000_000 * NS_PER_S
 PING = RangeReport("ping", 1.0)

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from recorder.cli import options
+from recorder.cli.progress import warn
 
 if TYPE_CHECKING:
     from recorder.recording import RecordingStatus
     from recorder.recording.controls import Controls
     from recorder.recording.options import RecordingOptions
-    from recorder.recording.translation import RecordingCounters
+    from recorder.translation import RecordingCounters
 
 _LONGEST_S = 1e9  # 30 years
 
@@ -154,11 +155,11 @@ def report_counters(
         paused = f", {counters.paused_messages} left out in pauses" if counters.pauses else ""
         click.echo(f"{output}: {counters.written} messages, {counters.poses} poses{paused}")
     if counters.failure:
-        click.echo(f"echogrid: {counters.failure}", err=True)
+        warn(counters.failure)
     elif nothing_understood(counters):
-        click.echo("echogrid: nothing of what came was understood: another --protocol?", err=True)
+        warn("nothing of what came was understood: another --protocol?")
     for reason in source_damage:
-        click.echo(f"echogrid: {reason}", err=True)
+        warn(reason)
     return 1 if source_damage or lost_anything(counters) else 0
 
 

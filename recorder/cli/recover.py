@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from recorder.cli import options
-from recorder.cli.progress import progress_bar
+from recorder.cli.progress import progress_bar, warn
 
 
 @click.command(epilog="Example:  echogrid recover bad.mcap -o good.mcap")
@@ -28,7 +28,7 @@ def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
     with progress_bar(f"recovering {bad.name}", quiet=quiet) as advance:
         recovery = run(bad, output, force=force, progress=advance)
     for reason in recovery.lost:
-        click.echo(f"echogrid: lost: {reason}", err=True)
+        warn(f"lost: {reason}")
     if not quiet:
         loss = "some was lost" if recovery.lost else "nothing was lost"
         files = ""

@@ -110,7 +110,7 @@ class CsvProtocol(LineProtocol):
         """One row; ValueError when it does not fit the columns."""
         text = raw.decode("ascii").strip()
         fields = _SEPARATOR.split(text)
-        if all(_is_heading(field) for field in fields):
+        if all(_is_word(field) for field in fields):
             return Packet(raw, fault=Fault.HEADER)
         values: dict[str, float | None] = {
             column.name: _number(field, column)
@@ -146,13 +146,13 @@ class CsvProtocol(LineProtocol):
         return heads + ranges
 
 
-def _is_heading(field: str) -> bool:
+def _is_word(field: str) -> bool:
     """Whether a field stands in a header: neither a number nor a missing one."""
     return field not in _NO_NUMBER and field[:1].isalpha() and field.lower() not in ("inf", "ovf")
 
 
 def _number(field: str, column: Column) -> float | None:
-    """A field in SI units (times in milliseconds); None when it holds none."""
+    """A field in SI units (times in milliseconds); None when it says that there is none."""
     if field in _NO_NUMBER:
         return None
     if field.lower() == "inf" and column.unit in LENGTHS_M:

@@ -2,6 +2,6 @@
 
 from recorder.recording.loop import SessionSink, record
 from recorder.recording.status import RecordingStatus
-from recorder.recording.translation import RecordingCounters
+from recorder.translation import RecordingCounters
 
 __all__ = ["RecordingCounters", "RecordingStatus", "SessionSink", "record"]

@@ -21,9 +21,9 @@ from recorder.protocols import Protocol
 from recorder.protocols.reports import Fault, Packet
 from recorder.recording.inbox import Inbox
 from recorder.recording.status import Cadence, RecordingStatus
-from recorder.recording.translation import RecordingCounters, Translator, raw_line
 from recorder.sensors import SensorParameters
 from recorder.tracker import BadTrackerLine, PoseSource, TrackerEvent
+from recorder.translation import RecordingCounters, Translator, raw_line
 
 DIAGNOSTICS_NAME = "recorder"
 
@@ -293,7 +293,6 @@ class _Loop:
         return RecordingStatus(
             self._now_ns, (self._now_ns - self._start_ns) / NS_PER_S, self._link_up,
             self._counters(), dict(self._latest), self._rate_hz, self._pose,
-            self._translator.hello,
             {name: cadence.missing for name, cadence in self._cadences.items()}, self._paused,
         )  # fmt: skip
 

@@ -28,10 +28,10 @@ from recorder.protocols import Protocol, make_protocol
 from recorder.recording.loop import SessionSink, record
 from recorder.recording.options import RecordingOptions
 from recorder.recording.status import RecordingStatus
-from recorder.recording.translation import RecordingCounters
 from recorder.sensors import CATALOGUE, DEFAULT_SENSORS
 from recorder.session import PartedWriter, read_session
 from recorder.tracker import PoseSource, open_tracker
+from recorder.translation import RecordingCounters
 from recorder.truth import WALLS, WALLS_TYPE, walls_to_geojson
 from recorder.versions import own_version
 
@@ -168,12 +168,11 @@ def _metadata(source: str, options: RecordingOptions, protocol: Protocol) -> dic
         },
         "versions": {"echogrid": own_version(), "python": sys.version.split()[0]},
     }
-    if not protocol.checked:
-        described["unchecked"] = f"{protocol.name} has no checksum: a damaged number may pass"
-    if options.columns is not None:
-        described["columns"] = options.columns
-    if options.px_per_m is not None:
-        described["tracker_px_per_m"] = options.px_per_m
-    if options.wheels is not None:
-        described["wheels"] = asdict(options.wheels)
-    return described
+    unchecked = f"{protocol.name} has no checksum: a damaged number may pass"
+    optional = {
+        "unchecked": None if protocol.checked else unchecked,
+        "columns": options.columns,
+        "tracker_px_per_m": options.px_per_m,
+        "wheels": None if options.wheels is None else asdict(options.wheels),
+    }
+    return described | {name: value for name, value in optional.items() if value is not None}

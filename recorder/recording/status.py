@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from recorder.messages import Pose, Range
-from recorder.protocols.reports import HelloReport
-from recorder.recording.translation import RecordingCounters
+from recorder.translation import RecordingCounters
 
 _STEPS_KEPT = 15
 _STEPS_NEEDED = 5
@@ -28,7 +27,6 @@ class RecordingStatus:
     latest: Mapping[str, Range]  # the last reading of each sensor
     rate_hz: Mapping[str, float]  # readings a second of each sensor, of the last whole second
     pose: Pose | None
-    hello: HelloReport | None
     missing: Mapping[str, int]  # of each sensor, by its usual pace: an estimate
     paused: bool
 

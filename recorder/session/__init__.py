@@ -10,7 +10,6 @@ from __future__ import annotations
 from pathlib import Path
 
 from recorder.errors import BadInput
-from recorder.session.format import Damage
 from recorder.session.join import join_sessions
 from recorder.session.parts import Limits, PartedWriter
 from recorder.session.reader import Session, SessionReader
@@ -18,8 +17,8 @@ from recorder.session.scan import MAGIC
 from recorder.session.writer import SessionWriter
 
 __all__ = [
-    "Damage", "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter",
-    "looks_like_session", "read_session",
+    "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter", "looks_like_session",
+    "read_session",
 ]  # fmt: skip
 
 

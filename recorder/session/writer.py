@@ -14,7 +14,6 @@ import typing
 from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
 from typing import BinaryIO
 
 from mcap.writer import CompressionType, Writer
@@ -189,7 +188,7 @@ class SessionWriter:
         return self
 
     def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
+        self, kind: type[BaseException] | None, error: BaseException | None, _: object
     ) -> None:
         if self._part == self._path:
             self.close()

@@ -23,7 +23,7 @@ from recorder.messages import Message
 from recorder.recording import RecordingStatus, SessionSink
 from recorder.recording.options import RecordingOptions
 from recorder.recording.run import record_line
-from recorder.recording.translation import RecordingCounters
+from recorder.translation import RecordingCounters
 from replay.live.feed import CAPACITY, LiveEnd, LiveFeed, Work
 from replay.terminal import map_lines
 

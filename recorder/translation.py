@@ -6,11 +6,10 @@ arrival, ``(log_ns, message)`` pairs come out, and a tally is kept of everything
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from recorder.clock import DeviceClock
 from recorder.geometry import SE2
@@ -68,8 +67,7 @@ class RecordingCounters:
 
     def numbers(self) -> dict[str, int]:
         """All counters that are numbers, by name."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: value for name, value in values.items() if isinstance(value, int)}
+        return {name: n for name, n in asdict(self).items() if isinstance(n, int)}
 
 
 def raw_line(packet: Packet, arrival_ns: int) -> RawLine:
