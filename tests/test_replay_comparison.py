@@ -1,4 +1,4 @@
-"""Several maps of one session: which they are, how they differ, and what is said of them."""
+"""Several maps of one session: which they are, how they differ, and how each step is explained."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ def test_values_of_any_key_make_names(compare: str, expected: list[str]) -> None
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "expected_line"),
     [
         (["--compare", "rulez"], "unknown comparison 'rulez'; the nearest known one is rules"),
         (["--compare", "foo"], "there are rules, models, pose, or A.B=C,D with values of one key"),
@@ -114,8 +114,8 @@ def test_values_of_any_key_make_names(compare: str, expected: list[str]) -> None
         (["--config", "{a}", "--config", "{rule}"], "rule: unknown update rule 'never'"),
     ],
 )
-def test_what_cannot_be_compared_is_told_in_one_line(
-    arguments: list[str], told: str, session: Path, tmp_path: Path,
+def test_what_cannot_be_compared_is_refused_in_one_line(
+    arguments: list[str], expected_line: str, session: Path, tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     (tmp_path / "other").mkdir()
@@ -133,7 +133,7 @@ def test_what_cannot_be_compared_is_told_in_one_line(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
-    assert told in captured.err
+    assert expected_line in captured.err
     assert not out.exists()
 
 
@@ -230,15 +230,15 @@ def test_maps_that_are_the_same_are_named() -> None:
     snapshots = {"a": [one], "b": [other], "c": [one], "d": [one]}
     thresholds = dict.fromkeys(snapshots, 0.55)
     none: dict[str, list[Segment]] = {name: [] for name in snapshots}
-    told = "are the same map: what was varied changed nothing"
-    assert same_maps(snapshots, none, thresholds) == [f"a, c and d {told}"]
+    same = "are the same map: what was varied changed nothing"
+    assert same_maps(snapshots, none, thresholds) == [f"a, c and d {same}"]
     line = Segment("ping", "grid", 0, (0, 0), (1, 0), 0.0, 0.0, np.zeros((2, 2)), 0.0, 9)
-    assert same_maps(snapshots, {**none, "c": [line]}, thresholds) == [f"a and d {told}"]
-    assert same_maps(snapshots, none, {**thresholds, "d": 0.6}) == [f"a and c {told}"]
+    assert same_maps(snapshots, {**none, "c": [line]}, thresholds) == [f"a and d {same}"]
+    assert same_maps(snapshots, none, {**thresholds, "d": 0.6}) == [f"a and c {same}"]
     assert same_maps(snapshots, {**none, "c": [line]}, {**thresholds, "d": 0.6}) == []
 
 
-def test_a_key_that_changes_nothing_is_said_to(
+def test_a_key_that_changes_nothing_is_named(
     session: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for compare, same in (("regions=6,12", True), ("beam_width_deg=10,38", False)):
@@ -261,10 +261,10 @@ def test_progress_counts_the_readings(session: Path) -> None:
         session, variants[0].config, rrd=None, export=None,
         progress=lambda done, total: alone.append((done, total)),
     )  # fmt: skip
-    for told in (compared, alone):
-        assert {total for _, total in told} == {readings}
-        assert [done for done, _ in told] == sorted(done for done, _ in told)
-        assert told[-1] == (readings, readings)
+    for calls in (compared, alone):
+        assert {total for _, total in calls} == {readings}
+        assert [done for done, _ in calls] == sorted(done for done, _ in calls)
+        assert calls[-1] == (readings, readings)
 
 
 def test_the_rule_of_a_fused_map_is_that_of_its_layers(session: Path) -> None:
@@ -276,11 +276,11 @@ def test_the_rule_of_a_fused_map_is_that_of_its_layers(session: Path) -> None:
     assert [set(line.rule.split(", ")) for line in lines] == [{"himm", "odds"}, {"count", "odds"}]
 
 
-# In words
+# In text
 
 
-def words_of(session: Path, variants: list[Variant]) -> Iterator[tuple[Moment, str]]:
-    """Each moment of a comparison, and what is said of it."""
+def texts_of(session: Path, variants: list[Variant]) -> Iterator[tuple[Moment, str]]:
+    """Each moment of a comparison, and its text."""
     messages = list(read_session(session).messages())
     begun: dict[str, Started] = {}
     finals: dict[str, list[Snapshot]] = {variant.name: [] for variant in variants}
@@ -296,24 +296,24 @@ def words_of(session: Path, variants: list[Variant]) -> Iterator[tuple[Moment, s
         yield moment, describe_moment(moment, Compared(by_name, begun, finals, distances, ""))
 
 
-def test_each_step_is_told_for_all_maps(session: Path) -> None:
-    said: dict[str, list[str]] = {}
-    for moment, text in words_of(session, from_values("pose", settings=[COARSE])):
+def test_each_step_is_explained_for_all_maps(session: Path) -> None:
+    texts: dict[str, list[str]] = {}
+    for moment, text in texts_of(session, from_values("pose", settings=[COARSE])):
         assert text.startswith("## ")
         kinds = {type(artifact).__name__ for artifact in moment.values()}
-        said.setdefault("/".join(sorted(kinds)), []).append(text)
-    assert "- **odom**: dead reckoning" in said["Started"][0]
-    assert "In **odom** the robot stands **0." in said["Beam"][-1]
-    assert all("| pose |" in text and "| odom |" in text for text in said["MergedGrid"])
-    assert any(" → **" in text for text in said["MergedGrid"])
-    assert "differs from pose" in said["Finished"][-1]
-    assert "odom: the robot ends" in said["Finished"][-1]
+        texts.setdefault("/".join(sorted(kinds)), []).append(text)
+    assert "- **odom**: dead reckoning" in texts["Started"][0]
+    assert "In **odom** the robot stands **0." in texts["Beam"][-1]
+    assert all("| pose |" in text and "| odom |" in text for text in texts["MergedGrid"])
+    assert any(" → **" in text for text in texts["MergedGrid"])
+    assert "differs from pose" in texts["Finished"][-1]
+    assert "odom: the robot ends" in texts["Finished"][-1]
 
 
-def test_what_all_maps_hear_alike_is_said_once(session: Path) -> None:
+def test_evidence_that_is_the_same_in_all_maps_stands_once(session: Path) -> None:
     variants = from_values("sensors.*.update=bayes,count", settings=[COARSE])
     temps = [
-        text for moment, text in words_of(session, variants)
+        text for moment, text in texts_of(session, variants)
         if isinstance(moment.get("bayes"), TempGrid)
     ]  # fmt: skip
     assert temps
@@ -331,9 +331,9 @@ def test_two_files_make_two_maps_and_two_folders(
     out, rrd = tmp_path / "out", tmp_path / "ab.rrd"
     both = ["--config", str(a), "--config", str(b), "--set", COARSE]
     assert main(["map", str(session), "-o", str(rrd), *both, "--export", str(out)]) == 0
-    told = capsys.readouterr().out
-    assert "differs from a" in told
-    assert f"wrote {rrd} and {out}" in told
+    printed = capsys.readouterr().out
+    assert "differs from a" in printed
+    assert f"wrote {rrd} and {out}" in printed
     for name, config in (("a", a), ("b", b)):
         alone = tmp_path / f"alone-{name}"
         one = ["--config", str(config), "--set", COARSE, "--quiet"]

@@ -81,7 +81,7 @@ def test_alike_runs_share_every_moment() -> None:
     assert all(moment["a"] is moment["b"] for moment in moments)
 
 
-def test_readings_of_one_time_are_told_apart() -> None:
+def test_readings_of_one_time_are_kept_apart() -> None:
     still = [Range(5, "ping", 1.0, 0.1, 0.0, 4.0, Radiation.ULTRASOUND) for _ in range(4)]
     beam = RUN.beam(0)
     beams = [Beam(i, 5, "ping", "ping", beam.world_from_base, beam.world_from_sensor,
@@ -178,7 +178,7 @@ def test_the_same_step_is_the_same_reading_in_all_maps(
             )  # fmt: skip
 
 
-def test_a_small_file_shows_the_same_readings_of_all_and_says_so(
+def test_a_small_file_shows_the_same_readings_of_all_and_reports_it(
     session: Path, tmp_path: Path
 ) -> None:
     whole, path = tmp_path / "whole.rrd", tmp_path / "small.rrd"

@@ -84,8 +84,8 @@ class Patch:
 def patch_of(step: int, artifact: Artifact) -> Patch | None:
     """The reading's patch, if it is one of the sensor's."""
     if isinstance(artifact, TempGrid) and artifact.beam.layer == SENSOR:
-        said = artifact.band | artifact.free
-        return Patch(step, artifact.window, strength_classes(artifact.probability - 0.5, said))
+        marked = artifact.band | artifact.free
+        return Patch(step, artifact.window, strength_classes(artifact.probability - 0.5, marked))
     if isinstance(artifact, MergedGrid) and artifact.layer == SENSOR:
         difference = artifact.probability - artifact.previous
         return Patch(step, artifact.window, strength_classes(difference, difference != 0))
