@@ -1,4 +1,4 @@
-"""The value log of a layer: small, and bit for bit what the values were, whatever was merged how."""
+"""The value log of a layer: small, and bit for bit what the values were, however merged."""
 
 from __future__ import annotations
 
