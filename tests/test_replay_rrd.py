@@ -248,7 +248,7 @@ def hard_to_foretell(run: MadeRun) -> list[Artifact]:
 
 
 @pytest.mark.parametrize("hard", [False, True])
-def test_a_budget_is_kept_and_said(tmp_path: Path, hard: bool) -> None:
+def test_a_budget_is_kept_and_reported(tmp_path: Path, hard: bool) -> None:
     run = MadeRun(readings=700)
     artifacts = hard_to_foretell(run) if hard else list(run.artifacts())
     whole = write(tmp_path / "whole.rrd", artifacts, budget_mb=1000.0)
@@ -269,7 +269,7 @@ def test_a_budget_is_kept_and_said(tmp_path: Path, hard: bool) -> None:
             assert same_bits(grid, expected[step])
 
 
-def test_a_budget_too_small_for_the_maps_alone_is_said(tmp_path: Path) -> None:
+def test_a_budget_too_small_for_the_maps_alone_is_reported(tmp_path: Path) -> None:
     writer = write(tmp_path / "tiny.rrd", list(MadeRun(readings=60).artifacts()), budget_mb=0.1)
     size_mb = (tmp_path / "tiny.rrd").stat().st_size / 1e6
     assert writer.left_out.endswith(f"Even so it takes {size_mb:.1f} MB.")
@@ -307,7 +307,7 @@ def test_the_first_artifact_opens_the_run(tmp_path: Path, artifacts: list[Artifa
         write(tmp_path / "x.rrd", artifacts[1:])
 
 
-def test_a_full_disk_is_said_before_anything_hangs(
+def test_a_full_disk_is_reported_before_anything_hangs(
     tmp_path: Path, artifacts: list[Artifact], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = shutil.disk_usage(tmp_path)._replace(free=1000)

@@ -169,7 +169,7 @@ def test_a_patch_has_the_colours_of_its_classes(
     assert not picture[:, cols:, 3].any()
 
 
-def test_what_whole_tiles_will_take_is_told_from_some_of_them() -> None:
+def test_what_whole_tiles_will_take_is_estimated_from_some_of_them() -> None:
     geometry = GridGeometry((0.0, 0.0), 0.01, 640, 640)
     state = LayerTiles(layout.tiling_for(geometry))
     state.begin("probability", "bayes")

@@ -135,11 +135,11 @@ def test_each_threshold_has_its_cells_and_its_borders(
         assert [len(strip) - 1 for strip in strips] == [len(border.cells) for border in traced]
 
 
-def test_the_words_of_a_snapshot_tell_the_thresholds_apart(recording: RrdRecording) -> None:
+def test_the_text_of_a_snapshot_has_a_row_for_each_threshold(recording: RrdRecording) -> None:
     texts = [row[0] for row in rows_of(recording, layout.EXPLANATION, "TextDocument:text")]
-    told = [text for text in texts if "Above each threshold" in text]
-    assert len(told) == 3
-    assert all("| 0.51 |" in text and "| 0.6 |" in text for text in told)
+    tables = [text for text in texts if "Above each threshold" in text]
+    assert len(tables) == 3
+    assert all("| 0.51 |" in text and "| 0.6 |" in text for text in tables)
 
 
 def test_stages_come_one_by_one_or_not_at_all_as_asked() -> None:

@@ -138,7 +138,7 @@ def test_white_is_free_black_is_occupied_and_unknown_is_neither() -> None:
 
 @settings(deadline=None)
 @given(p=st.floats(-0.5, 0.5, allow_nan=False))
-def test_strength_names_tell_the_range_that_a_difference_lies_in(p: float) -> None:
+def test_strength_names_state_the_range_that_a_difference_lies_in(p: float) -> None:
     number = int(strength_classes(np.array([p]), np.array([True]))[0])
     names = {each: name for each, name, _ in strength_names()}
     assert 1 <= number <= 2 * len(STRENGTHS)

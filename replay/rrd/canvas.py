@@ -51,7 +51,7 @@ class Canvas:
                 pack, nothing = self._vanishing.pop(gone)
                 self.add(gone, pack, nothing)
 
-    def leave(self, entity: str, dots_m: Floats, set_up: scene.SetUp) -> None:
+    def leave(self, entity: str, dots_m: Floats, set_up: scene.SetUp, *how: Any) -> None:
         """Add dots (N, 2), metres, to those that were left below an entity before.
 
         Were each dot a row of its own, the viewer would gather thousands of rows at every step.
@@ -70,18 +70,18 @@ class Canvas:
             is_full = len(digits[number]) == TRAIL_BASE
             drawn = moved[:0] if is_full else moved
             row = layout.digit(entity, number)
-            self.prepare(row, set_up)
+            self.prepare(row, set_up, *how)
             self.add(row, columns.points, drawn, drawn.nbytes)
             if not is_full:
                 return
             digits[number].clear()
             number += 1
 
-    def prepare(self, entity: str, set_up: scene.SetUp) -> None:
+    def prepare(self, entity: str, set_up: scene.SetUp, *how: Any) -> None:
         """Write the unchanging part of an entity, the first time that it is asked for."""
         if entity not in self._prepared:
             self._prepared.add(entity)
-            set_up(self.sink, entity)
+            set_up(self.sink, entity, *how)
 
     def colour(self, sensor: str) -> Colour:
         """One colour for each sensor or layer, in the order in which they come."""
@@ -91,12 +91,7 @@ class Canvas:
     def draw_tile(self, root: str, place: Place, picture: NDArray[np.uint8], order: float) -> None:
         """Draw one tile of a grid of classes."""
         entity = layout.tile(root, *place)
-
-        def set_up(sink: Sink, entity: str) -> None:
-            opaque = order in (layout.ORDER_CLASSES, layout.ORDER_TILES)
-            scene.set_up_tile(sink, entity, self.tiling, place, order=order, opaque=opaque)
-
-        self.prepare(entity, set_up)
+        self.prepare(entity, scene.set_up_tile, self.tiling, place, order)
         self.add(entity, columns.class_images, picture, picture.nbytes)
 
     def draw_classes(self, root: str, picture: NDArray[np.uint8], order: float) -> None:

@@ -10,7 +10,6 @@ combination are written once, so that the viewer shows them where one points at 
 
 from __future__ import annotations
 
-import functools
 import itertools
 import zlib
 from collections.abc import Iterator, Sequence
@@ -95,7 +94,7 @@ class DisplayOverlay:
             room -= size
             self._left_bytes -= size
             entity = layout.display(picture.layer, picture.name)
-            canvas.prepare(entity, functools.partial(_set_up, picture=picture))
+            canvas.prepare(entity, _set_up, picture)
             corner = layout.corner_m(canvas.geometry, window)
             row = _Placed(cells, corner, canvas.geometry.resolution_m)
             canvas.add(entity, _placed_cells, row, cells.nbytes)
@@ -191,7 +190,7 @@ def _placed_cells(rows: Sequence[_Placed]) -> Columns:
     ]
 
 
-def _set_up(sink: Sink, entity: str, *, picture: Picture) -> None:
+def _set_up(sink: Sink, entity: str, picture: Picture) -> None:
     """The colour and the name of each code, and how the picture is laid over the cells."""
     table = colours(picture.name, len(picture.of), picture.levels)
     named: list[Named] = [(0, "never seen", layout.NEVER_SEEN)]

@@ -11,7 +11,6 @@ import logging
 import socket
 import time
 import urllib.parse
-import uuid
 from collections.abc import Callable
 
 import rerun as rr
@@ -19,9 +18,8 @@ import rerun as rr
 from mapping.artifacts import Artifact, Started
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.run_drawer import RunDrawer
-from replay.rrd.sink import Sink
+from replay.rrd.sink import Sink, new_recording
 from replay.rrd.thinning import Detail
-from replay.rrd.writer import APPLICATION
 
 _SHOW_EVERY_S = 0.2
 _LOOK_S = 2.0
@@ -73,8 +71,7 @@ class LiveWriter:
         self._is_gone = not _somebody_listens(self._url)
         if self._is_gone:
             return
-        self._recording = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
-        self._recording.set_log_time_enabled(False)
+        self._recording = new_recording()
         self._recording.connect_grpc(self._url, default_blueprint=self._drawer.blueprint(started))
         self._recording.send_recording_name(self._name)
         self._drawer.begin(Sink(self._recording), started)

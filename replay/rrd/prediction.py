@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 import rerun as rr
 
@@ -41,9 +39,7 @@ class PredictionOverlay:
         measured = float(artifact.ranges_m[artifact.saw_something].min(initial=np.inf))
         entity = layout.predicted_range(artifact.sensor)
         colour = canvas.colour(artifact.sensor)
-        canvas.prepare(
-            entity, functools.partial(_set_up, name=f"{artifact.sensor}, predicted", colour=colour)
-        )
+        canvas.prepare(entity, _set_up, f"{artifact.sensor}, predicted", colour)
         # Where the map predicts nothing the plot has a gap; the number itself is inf.
         canvas.add(entity, columns.scalars, predicted if np.isfinite(predicted) else np.nan)
         canvas.add(entity, columns.number_records, np.array([predicted]))
@@ -65,7 +61,7 @@ def _explained(measured_m: float, predicted_m: float, threshold: float) -> str:
     return f"{predicted}, {abs(gap):.3f} m {'more' if gap > 0 else 'less'} than was measured."
 
 
-def _set_up(sink: Sink, entity: str, *, name: str, colour: Colour) -> None:
+def _set_up(sink: Sink, entity: str, name: str, colour: Colour) -> None:
     """The measured range's colour, paler, and crosses instead of dots."""
     r, g, b, _ = colour
     pale = ((r + 255) // 2, (g + 255) // 2, (b + 255) // 2, 255)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 
@@ -70,8 +69,7 @@ class ProbeOverlay:
         if layer not in probe.beliefs:
             return
         entity = layout.probe_belief(number, layer)
-        set_up = functools.partial(_set_up_belief, name=layer, colour=canvas.colour(layer))
-        canvas.prepare(entity, set_up)
+        canvas.prepare(entity, _set_up_belief, layer, canvas.colour(layer))
         if entity not in self._plotted and new:
             canvas.rows.add(entity, columns.scalars, self._first, 100 * new[0].before)
         self._plotted.add(entity)
@@ -109,7 +107,7 @@ def _mark(canvas: Canvas, number: int, probe: CellProbe) -> None:
     scene.set_up_markdown(canvas.sink, layout.probe_story(number))
 
 
-def _set_up_belief(sink: Sink, entity: str, *, name: str, colour: layout.Colour) -> None:
+def _set_up_belief(sink: Sink, entity: str, name: str, colour: layout.Colour) -> None:
     """A stair: a belief stays until the next reading that reaches the cell."""
     lines = rr.SeriesLines(
         names=[f"{name}, % occupied"], colors=[colour], widths=[2.0], interpolation_mode="StepAfter"

@@ -91,16 +91,14 @@ def _draw_points(canvas: Canvas, beam: Beam) -> None:
     if len(beam.ranges_m) > 1 and len(points_m):
         canvas.add(entity, columns.points, points_m, points_m.nbytes)
     elif len(points_m):
-        set_up = functools.partial(scene.set_up_points, colour=canvas.colour(beam.layer))
-        canvas.leave(entity, points_m, set_up)
+        canvas.leave(entity, points_m, scene.set_up_points, canvas.colour(beam.layer))
 
 
 def _draw_range(canvas: Canvas, beam: Beam) -> None:
     """The nearest range; where nothing was seen, the plot has a gap."""
     colour = canvas.colour(beam.sensor)
     entity = layout.sensor_range(beam.sensor)
-    set_up = functools.partial(scene.set_up_sensor, name=beam.sensor, colour=colour)
-    canvas.prepare(entity, set_up)
+    canvas.prepare(entity, scene.set_up_sensor, beam.sensor, colour)
     nearest = float(beam.ranges_m[beam.saw_something].min(initial=np.inf))
     canvas.add(entity, columns.scalars, nearest if np.isfinite(nearest) else np.nan)
 

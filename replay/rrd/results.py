@@ -6,7 +6,7 @@ there for one step only; the borders and lines themselves stay.
 
 from __future__ import annotations
 
-import functools
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas, Floats
 from replay.rrd.layers import Layers
 from replay.rrd.layout import Colour
-from replay.rrd.sink import Sink
 
 _ARROW_CELLS = 6  # of a border's beginning
 _HEAD = 0.35  # of an arrow's length, and half of that to either side
@@ -67,7 +66,7 @@ class Results:
         for name, array in layer.extra.items():
             values = np.asarray(array, np.float32)
             entity = layout.extra(layer.name, name)
-            canvas.prepare(entity, functools.partial(scene.set_up_extra, name=name))
+            canvas.prepare(entity, scene.set_up_extra, name)
             canvas.add(entity, columns.float32_values, values.copy(), values.nbytes)
 
     def _draw_thresholded(self, thresholded: Thresholded) -> None:
@@ -83,8 +82,7 @@ class Results:
 
     def _draw_classes(self, classes: Classes) -> None:
         """The class map, a view of its own."""
-        set_up = functools.partial(scene.set_up_classes, names=classes.names)
-        self._canvas.prepare(f"{layout.CLASSES}/names", set_up)
+        self._canvas.prepare(f"{layout.CLASSES}/names", scene.set_up_classes, classes.names)
         self._canvas.draw_classes(layout.CLASSES, classes.codes, layout.ORDER_CLASSES)
 
     def _draw_border(self, border: Border) -> None:
@@ -92,7 +90,7 @@ class Results:
         root = layout.borders(border.layer)
         centres = border.geometry.centres_of(np.vstack([border.cells, border.cells[:1]]))
         label = f"border {border.number}, {'outer' if border.outer else 'hole'}"
-        entity = self._gather(root, centres, scene.set_up_borders, label)
+        entity = self._gather(root, centres, label, scene.set_up_borders)
         record = np.column_stack(
             [np.full(len(border.cells), border.number), np.full(len(border.cells), border.outer),
              border.cells]
@@ -111,10 +109,9 @@ class Results:
     def _draw_segment(self, segment: Segment) -> None:
         """One more straight line."""
         root = layout.segments(segment.layer, segment.source)
-        set_up = functools.partial(scene.set_up_segments, raw=segment.source == "raw")
         label = f"{segment.length_m:.2f} m, rms {1000 * segment.rms_m:.0f} mm, n {segment.points}"
         ends = np.array([segment.start_m, segment.end_m])
-        entity = self._gather(root, ends, set_up, label)
+        entity = self._gather(root, ends, label, scene.set_up_segments, segment.source == "raw")
         border = np.nan if segment.border is None else segment.border
         record = np.array(
             [*segment.start_m, *segment.end_m, segment.rho_m, segment.alpha_rad,
@@ -123,14 +120,14 @@ class Results:
         )  # fmt: skip
         self._canvas.add(entity, columns.number_records, record, record.nbytes)
 
-    def _gather(self, root: str, strip: Floats, set_up: scene.SetUp, label: str) -> str:
+    def _gather(self, root: str, strip: Floats, label: str, set_up: scene.SetUp, *how: Any) -> str:
         """Add a strip to the newest group below a root, and draw that group; its entity."""
         groups = self._gathered.setdefault(root, [[]])
         if len(groups[-1]) == layout.GROUP:
             groups.append([])
         groups[-1].append((strip, label))
         entity = layout.group(root, len(groups) - 1)
-        self._canvas.prepare(entity, set_up)
+        self._canvas.prepare(entity, set_up, *how)
         strips, labels = [each[0] for each in groups[-1]], [each[1] for each in groups[-1]]
         self._canvas.add(entity, columns.strips, strips, sum(s.nbytes for s in strips))
         self._canvas.add(entity, columns.labels, labels, sum(len(text) for text in labels))
@@ -178,10 +175,7 @@ def arrow(start_m: Floats, end_m: Floats) -> Floats:
 
 
 def _for_now(canvas: Canvas, entity: str, strips: list[Floats], colour: Colour) -> None:
-    def set_up(sink: Sink, entity: str) -> None:
-        scene.set_up_strips(sink, entity, colour)
-
-    canvas.prepare(entity, set_up)
+    canvas.prepare(entity, scene.set_up_strips, colour)
     size = sum(strip.nbytes for strip in strips)
     canvas.add_for_now(entity, columns.strips, strips, [], size)
 

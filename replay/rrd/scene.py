@@ -17,19 +17,18 @@ from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.columns import image_format
 from replay.rrd.explanation import LEGEND
-from replay.rrd.layout import Colour, Tiling
+from replay.rrd.layout import Colour, Place, Tiling
 from replay.rrd.pictures import Named, percent_names
 from replay.rrd.sink import Sink
 
 _MARKDOWN = "text/markdown"
 
-SetUp = Callable[[Sink, str], None]
+SetUp = Callable[..., None]  # of a sink, an entity, and how it looks
 
 
 def set_up(sink: Sink, started: Started, config_text: str) -> None:
     """Everything that all layers share."""
-    y_up = [[1, 0, 0], [0, -1, 0], [0, 0, 1]]
-    sink.log(layout.MAP, rr.Transform3D(mat3x3=y_up))
+    set_up_plane(sink)
     geometry = started.geometry
     where = np.array([*geometry.origin_m, geometry.resolution_m], np.float64)
     sink.log(layout.GRID, rr.AnyValues(
@@ -45,6 +44,11 @@ def set_up(sink: Sink, started: Started, config_text: str) -> None:
         colors=[layout.ROBOT_COLOUR], radii=[-3.0], draw_order=layout.ORDER_ROBOT
     ))  # fmt: skip
     set_up_texts(sink, config_text)
+
+
+def set_up_plane(sink: Sink) -> None:
+    """The frame of the map, with y up."""
+    sink.log(layout.MAP, rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]))
 
 
 def set_up_texts(sink: Sink, config_text: str) -> None:
@@ -79,29 +83,22 @@ def set_up_patches(sink: Sink, entity: str) -> None:
 
 def set_up_points(sink: Sink, entity: str, colour: Colour) -> None:
     """The style of obstacle points."""
-    look = rr.Points2D.from_fields(colors=[colour], radii=[-1.75], draw_order=layout.ORDER_POINTS)
-    sink.log(entity, look)
+    _dots(sink, entity, colour, -1.75, layout.ORDER_POINTS)
 
 
 def set_up_path(sink: Sink, entity: str) -> None:
     """The style of where the robot was."""
-    look = rr.Points2D.from_fields(
-        colors=[layout.PATH_COLOUR], radii=[-1.5], draw_order=layout.ORDER_PATH
-    )
-    sink.log(entity, look)
+    _dots(sink, entity, layout.PATH_COLOUR, -1.5, layout.ORDER_PATH)
 
 
-def set_up_tile(
-    sink: Sink, entity: str, tiling: Tiling, place: tuple[int, int], *,
-    order: float, opaque: bool,
-) -> None:  # fmt: skip
+def set_up_tile(sink: Sink, entity: str, tiling: Tiling, place: Place, order: float) -> None:
     """Place and size of one tile, so that its rows hold nothing but cells."""
     geometry, window = tiling.geometry, tiling.window(*place)
     corner = [*layout.corner_m(geometry, window), layout.plane_m(order)]
     scale = geometry.resolution_m * (1.0 - layout.TILE_SHRINKAGE)
     look = rr.SegmentationImage.from_fields(
         format=image_format((window.rows, window.cols)),
-        opacity=1.0 if opaque else 0.999,
+        opacity=1.0 if order in (layout.ORDER_CLASSES, layout.ORDER_TILES) else 0.999,
         draw_order=order,
     )
     where = rr.Transform3D(translation=corner, scale=scale)
@@ -125,7 +122,7 @@ def set_up_borders(sink: Sink, entity: str) -> None:
     sink.log(entity, rr.LineStrips2D.from_fields(show_labels=False))
 
 
-def set_up_segments(sink: Sink, entity: str, *, raw: bool) -> None:
+def set_up_segments(sink: Sink, entity: str, raw: bool) -> None:
     """The style of a group of segments, of raw points or of a grid."""
     colour = layout.RAW_SEGMENT if raw else layout.SEGMENT
     _lines(sink, entity, colour, -2.5, layout.ORDER_SEGMENTS)
@@ -144,24 +141,21 @@ def set_up_strips(sink: Sink, entity: str, colour: Colour) -> None:
 
 def set_up_places(sink: Sink, entity: str) -> None:
     """The style of the places of note among it."""
-    look = rr.Points2D.from_fields(
-        colors=[layout.STAGE_PLACE], radii=[-3.0], draw_order=layout.ORDER_STAGES + 0.5
-    )
-    sink.log(entity, look)
+    _dots(sink, entity, layout.STAGE_PLACE, -3.0, layout.ORDER_STAGES + 0.5)
 
 
-def set_up_extra(sink: Sink, entity: str, *, name: str) -> None:
+def set_up_extra(sink: Sink, entity: str, name: str) -> None:
     """The name of a further array, as it was given."""
     sink.log(entity, rr.AnyValues(name=name))
 
 
-def set_up_sensor(sink: Sink, entity: str, *, name: str, colour: Colour) -> None:
+def set_up_sensor(sink: Sink, entity: str, name: str, colour: Colour) -> None:
     """The name and colour of one sensor's line in the plot of ranges."""
     sink.log(entity, rr.SeriesLines(names=[name], colors=[colour], widths=[1.5]))
     sink.log(entity, rr.SeriesPoints(names=[name], colors=[colour], marker_sizes=[3]))
 
 
-def set_up_classes(sink: Sink, _: str, *, names: Sequence[str]) -> None:
+def set_up_classes(sink: Sink, _: str, names: Sequence[str]) -> None:
     """Names and colours of the class map."""
     named = [(number, name, layout.class_colour(name, number)) for number, name in enumerate(names)]
     set_up_opaque(sink, layout.CLASSES, named)
@@ -182,6 +176,11 @@ def set_up_opaque(sink: Sink, entity: str, named: Sequence[Named]) -> None:
 def _colour_table(sink: Sink, entity: str, named: Sequence[Named]) -> None:
     infos = [rr.AnnotationInfo(number, name, colour) for number, name, colour in named]
     sink.log(entity, rr.AnnotationContext(infos))
+
+
+def _dots(sink: Sink, entity: str, colour: Colour, radius: float, order: float) -> None:
+    """A style of points; a negative radius is in points of the screen."""
+    sink.log(entity, rr.Points2D.from_fields(colors=[colour], radii=[radius], draw_order=order))
 
 
 def _lines(sink: Sink, entity: str, colour: Colour, radius: float, order: float) -> None:

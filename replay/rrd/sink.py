@@ -7,6 +7,7 @@ other compress far better.
 
 from __future__ import annotations
 
+import uuid
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -16,9 +17,18 @@ import rerun as rr
 
 from replay.rrd import layout
 
+APPLICATION = "echogrid"
+
 Columns = list[rr.ComponentColumn]
 Pack = Callable[[Sequence[Any]], Columns]
 """Turns the values of many rows into columns; knows what an entity looks like, not when."""
+
+
+def new_recording() -> rr.RecordingStream:
+    """A recording that is not yet anywhere, without Rerun's own clock."""
+    recording = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
+    recording.set_log_time_enabled(False)
+    return recording
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,6 @@ snapshot, each in a place of its own, so that they stand beside each other in a 
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
 
 from mapping.artifacts import Artifact, Snapshot, Started
@@ -15,7 +13,6 @@ from mapping.borders import threshold_layer, trace_borders
 from mapping.config import BordersSection
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
-from replay.rrd.sink import Sink
 from replay.tables import markdown_table
 
 
@@ -39,7 +36,9 @@ class ThresholdsOverlay:
     def _draw_one(self, canvas: Canvas, snapshot: Snapshot, threshold: float) -> tuple[str, ...]:
         layer = snapshot.layer
         root = layout.compared(layer.name, threshold)
-        canvas.prepare(root, functools.partial(_set_up, threshold=threshold))
+        canvas.prepare(
+            root, scene.set_up_two_classes, "at most the threshold", f"above {threshold:g}"
+        )
         occupied = threshold_layer(layer, threshold).occupied
         canvas.draw_classes(root, occupied.astype(np.uint8), layout.ORDER_CLASSES)
         borders = trace_borders(occupied, tracer=self._tracer)
@@ -51,7 +50,3 @@ class ThresholdsOverlay:
         canvas.prepare(entity, scene.set_up_borders)
         canvas.add(entity, columns.strips, strips, sum(strip.nbytes for strip in strips))
         return f"{threshold:g}", f"{int(occupied.sum()):,}", f"{len(borders):,}"
-
-
-def _set_up(sink: Sink, root: str, *, threshold: float) -> None:
-    scene.set_up_two_classes(sink, root, "at most the threshold", f"above {threshold:g}")

@@ -7,7 +7,6 @@ end, so there is never half a recording; what a killed process leaves beside it 
 from __future__ import annotations
 
 import os
-import uuid
 from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
@@ -24,10 +23,9 @@ from recorder.outputs import check_room
 from replay.rrd import columns, layout
 from replay.rrd.canvas import Canvas
 from replay.rrd.run_drawer import configured_drawer
-from replay.rrd.sink import RowBuffer, Sink
+from replay.rrd.sink import RowBuffer, Sink, new_recording
 from replay.rrd.thinning import Detail, Thinning
 
-APPLICATION = "echogrid"
 _BUFFER_BYTES = 96_000_000  # rows wait in memory up to this size
 _DISK_MARGIN_BYTES = 1_000_000
 _FLUSH_S = 120.0  # far longer than any disk takes
@@ -150,8 +148,7 @@ class RrdWriter(Generic[Item]):
         os.replace(self.part, self.path)
 
     def _open(self, blueprint: rrb.Blueprint) -> rr.RecordingStream:
-        recording = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
-        recording.set_log_time_enabled(False)
+        recording = new_recording()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             check_room(self.part, _DISK_MARGIN_BYTES)

@@ -1,4 +1,4 @@
-"""A layer's readings → records of its history.
+"""A layer's readings → the records of its log.
 
 The first readings of a sensor wait until there are enough of them to make a table of their
 factors by distance; all later ones are written at once.

@@ -7,8 +7,10 @@ between what each reading did. Both are taken in the order of the steps.
 from __future__ import annotations
 
 import heapq
+import itertools
+import operator
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +27,9 @@ Tiles = list[tuple[Window, Singles]]
 class _Event:
     """What one step brings: whole tiles, or what a reading did, or a whole map."""
 
-    tiles: Tiles
-    records: bytes
-    whole: bool
+    tiles: Tiles = field(default_factory=list)
+    records: bytes = b""
+    whole: bool = False
 
 
 class Playback:
@@ -90,16 +92,10 @@ def _by_step(
     whole_maps: Iterable[int],
 ) -> Iterator[tuple[int, list[_Event]]]:
     streams = (
-        ((step, _Event([], record, False)) for step, record in records),
-        ((step, _Event(found, b"", False)) for step, found in tiles),
-        ((step, _Event([], b"", True)) for step in whole_maps),
+        ((step, _Event(records=record)) for step, record in records),
+        ((step, _Event(tiles=found)) for step, found in tiles),
+        ((step, _Event(whole=True)) for step in whole_maps),
     )
-    now, together = -1, list[_Event]()
-    for step, event in heapq.merge(*streams, key=lambda each: each[0]):
-        if step != now and together:
-            yield now, together
-            together = []
-        now = step
-        together.append(event)
-    if together:
-        yield now, together
+    by_step = operator.itemgetter(0)
+    for step, events in itertools.groupby(heapq.merge(*streams, key=by_step), key=by_step):
+        yield step, [event for _, event in events]

@@ -1,4 +1,4 @@
-"""What the writer and the reader of a layer's history both know, and how a reading moves it.
+"""What the writer and the reader of a layer's value log both know, and how a reading moves it.
 
 Both keep the values and the odds of every cell. A reading multiplies the odds of the cells that it
 covers; what comes of it is predicted from there. Only sums, products and roots are used, which give

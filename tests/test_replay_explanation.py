@@ -57,7 +57,7 @@ def test_what_is_no_artifact_is_refused() -> None:
         describe("a map")  # type: ignore[arg-type]
 
 
-def test_a_beam_tells_where_from_where_to_and_how_far() -> None:
+def test_a_beam_states_where_from_where_to_and_how_far() -> None:
     text = describe(BEAM)
     assert "Reading 7: ping measures **0.500 m**" in text
     assert "(1.000, 1.000) m and faces 90.0°" in text
@@ -66,13 +66,13 @@ def test_a_beam_tells_where_from_where_to_and_how_far() -> None:
     assert "(1.000, 1.544) m" in text
 
 
-def test_a_beam_that_saw_nothing_says_so() -> None:
+def test_a_beam_that_saw_nothing_is_described_so() -> None:
     text = describe(dataclasses.replace(BEAM, ranges_m=np.array([np.inf])))
     assert "measures **nothing**" in text
     assert "No echo came back" in text
 
 
-def test_a_scan_tells_its_nearest() -> None:
+def test_a_scan_states_its_nearest() -> None:
     ranges = np.array([2.0, np.inf, 0.75])
     scan = dataclasses.replace(BEAM, sensor="lidar", bearings_rad=np.zeros(3), ranges_m=ranges)
     assert "lidar measures 3 beams, 2 with an obstacle, the nearest at **0.750 m**" in describe(
@@ -94,7 +94,7 @@ def test_a_temp_grid_counts_its_cells() -> None:
     assert "touches no cell" in describe(empty)
 
 
-def test_a_merge_tells_what_changed_most_and_where() -> None:
+def test_a_merge_states_what_changed_most_and_where() -> None:
     before = np.array([[0.5, 0.5, 0.5]], np.float32)
     after = np.array([[0.5, 0.55, 0.2]], np.float32)
     merged = MergedGrid(
@@ -107,7 +107,7 @@ def test_a_merge_tells_what_changed_most_and_where() -> None:
     assert "No cell changed" in describe(same)
 
 
-def test_small_changes_near_a_half_are_told_with_more_digits() -> None:
+def test_small_changes_near_a_half_have_more_digits() -> None:
     before = np.array([[0.5]], np.float32)
     after = np.array([[0.5002]], np.float32)
     merged = MergedGrid(
@@ -116,7 +116,7 @@ def test_small_changes_near_a_half_are_told_with_more_digits() -> None:
     assert "from 50.0 % to **50.020 %**" in describe(merged)
 
 
-def test_a_segment_tells_its_line() -> None:
+def test_a_segment_states_its_line() -> None:
     text = describe(segment_between("ping", (0.0, 1.0), (2.0, 1.0)))
     assert "From (0.000, 1.000) to (2.000, 1.000) m, **2.000 m** long" in text
     assert "37 points of border 0 (magenta)" in text
@@ -125,7 +125,7 @@ def test_a_segment_tells_its_line() -> None:
     assert "α = 90.00" in text
 
 
-def test_the_rest_tell_their_numbers(artifacts: list[Artifact]) -> None:
+def test_the_rest_state_their_numbers(artifacts: list[Artifact]) -> None:
     started = describe(artifacts[0])
     assert "120 × 90 cells of 0.02 m: 2.4 m wide, 1.8 m high" in started
     assert "**ping, dirrs, fused**" in started
@@ -146,7 +146,7 @@ def test_the_rest_tell_their_numbers(artifacts: list[Artifact]) -> None:
     assert "- 2 dropped: out of range" in describe(artifacts[-1])
 
 
-def test_classes_tell_the_colour_they_are_drawn_in() -> None:
+def test_classes_state_the_colour_they_are_drawn_in() -> None:
     names = ("unknown", "agree occupied", "agree empty", "contradict", "ping alone occupied",
              "ping alone empty", "dirrs alone occupied", "dirrs alone empty")  # fmt: skip
     codes = np.array([[0, 0, 0, 1, 3, 4, 4, 7]], np.uint8)

@@ -1,4 +1,4 @@
-"""The history of a layer: small, and bit for bit what the values were, whatever was merged how."""
+"""The value log of a layer: small, and bit for bit what the values were, however merged."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def empty(rule: str) -> np.ndarray:
     return np.full(GRID.shape, known.start_value, np.float32)
 
 
-def told(
+def logged(
     rule: str, count: int, **options: float
 ) -> tuple[list[tuple[int, bytes]], list[np.ndarray]]:
     """The records of a run, with the number of the reading of each, and the grid after each."""
@@ -63,7 +63,7 @@ def reader(rule: str) -> LogReader:
 
 @pytest.mark.parametrize("rule", sorted(UPDATE_RULES))
 def test_every_rules_values_come_back_bit_for_bit(rule: str) -> None:
-    records, after = told(rule, 40)
+    records, after = logged(rule, 40)
     back = reader(rule)
     newest = 0
     for number, record in records:
@@ -75,7 +75,7 @@ def test_every_rules_values_come_back_bit_for_bit(rule: str) -> None:
 
 
 @pytest.mark.parametrize("width_deg", [38.0, 6.0])
-def test_what_readings_say_by_distance_alone_takes_next_to_nothing(width_deg: float) -> None:
+def test_evidence_by_distance_alone_takes_next_to_nothing(width_deg: float) -> None:
     """A tenth, once the table is there, of what the plain differences take."""
     grid = GridGeometry((-0.3, -0.2), 0.01, 280, 360)
     predicted: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=True)
@@ -90,12 +90,12 @@ def test_what_readings_say_by_distance_alone_takes_next_to_nothing(width_deg: fl
 
 
 def test_a_lost_or_spoiled_record_is_noticed() -> None:
-    records, _ = told("bayes", 30)
+    records, _ = logged("bayes", 30)
     back = reader("bayes")
     back.take(records[0][1])
     with pytest.raises(ValueLogError, match="record 2 is missing"):
         back.take(records[2][1])
-    plain, _ = told("sum", 2)
+    plain, _ = logged("sum", 2)
     spoiled = bytearray(plain[1][1])
     spoiled[30] ^= 1  # of the checksum or the lengths; either way it cannot come out right
     back = reader("sum")
@@ -157,9 +157,9 @@ def test_any_bits_in_any_windows_with_or_without_temp_grids(
         grid[window.slices] = values
         grids.append(grid.copy())
         given_temp = temp if random.random() < 0.8 else None
-        for told_number, record in writer.add(window, values, given_temp, number):
+        for logged_number, record in writer.add(window, values, given_temp, number):
             back.take(record)
-            assert back.values.tobytes() == grids[told_number].tobytes()
+            assert back.values.tobytes() == grids[logged_number].tobytes()
     for _, record in writer.drain():
         back.take(record)
     assert back.values.tobytes() == grid.tobytes()
@@ -201,7 +201,7 @@ def test_one_value_needs_few_knots_and_noise_makes_no_table() -> None:
     assert fit_table(x[:5], x[:5] + 1.0) is None
 
 
-def test_beyond_its_end_a_table_says_nothing() -> None:
+def test_beyond_its_end_a_table_changes_nothing() -> None:
     table = fit_table(np.linspace(0, 1, 9000), np.exp(-np.linspace(0, 1, 9000)))
     assert table is not None
     far = look_up(table.cubics(), table.spacing_m, np.array([5.0, 100.0]))
