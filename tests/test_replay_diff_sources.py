@@ -397,11 +397,11 @@ def test_a_map_of_map_server_by_its_own_rules(tmp_path: Path) -> None:
         assert (layer.geometry.origin_m, layer.geometry.resolution_m) == ((-1.0, 2.0), 0.05)
 
 
-def nav2_cell(rgba: tuple[int, ...], most: int, mode: str, negate: bool) -> int:
+def nav2_cell(rgba: tuple[int, ...], most: int, mode: str, negate: bool, matte: bool) -> int:
     """One pixel by nav2_map_server's map_io.cpp, line by line, thresholds 0.65 and 0.196."""
     channels = list(rgba[:-1])
     opaque = rgba[-1] == most
-    if mode == "trinary" and not opaque:
+    if mode == "trinary" and matte:
         channels.append(rgba[-1])
     shade = sum(channels) / len(channels) / most
     occ = shade if negate else 1.0 - shade
@@ -442,5 +442,5 @@ def test_any_picture_is_read_as_nav2_reads_it(
         pixel = numbers[row, col].tolist()
         colours, alpha = (pixel[:-1], pixel[-1]) if depth in (2, 4) else (pixel, most)
         rgba = (*(colours * 3)[:3], alpha) if depth < 3 else (*colours, alpha)
-        expected = nav2_cell(rgba, most, mode, negate)
+        expected = nav2_cell(rgba, most, mode, negate, depth in (2, 4))
         assert names[int(layer.classes[2 - row, col])] == expected, (pixel, mode)

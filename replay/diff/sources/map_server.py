@@ -45,20 +45,19 @@ class MapFile:
     free: float
 
     def classes(self, pixels: Pixels) -> Codes:
-        """Pixels (rows, cols, channels) 0 .. 1 → classes, as nav2's ``map_io`` makes them.
+        """Pixels (rows, cols, 3 or 4 channels) 0 .. 1 → classes, as nav2's ``map_io`` makes them.
 
-        The shade is the mean of the colours; in the mode trinary with the opacity among them, while
-        in the mode scale a pixel that is not opaque is unknown.
+        The shade is the mean of the colours; in the mode trinary with the opacity among them where
+        the picture has any, while in the mode scale a pixel that is not opaque is unknown.
         """
-        colours, opacity = pixels[..., :-1], pixels[..., -1]
-        averaged = pixels if self.mode == "trinary" and (opacity < 1.0).any() else colours
-        shade = averaged.mean(axis=-1)
+        shade = pixels[..., : 4 if self.mode == "trinary" else 3].mean(axis=-1)
+        opaque = np.ones(shade.shape, np.bool_) if pixels.shape[2] < 4 else pixels[..., 3] == 1.0
         if self.mode == "raw":
             occupancy = np.round(shade * 255.0) / _RAW_MOST
             known = occupancy <= 1.0
         else:
             occupancy = shade if self.negate else 1.0 - shade
-            known = opacity == 1.0 if self.mode == "scale" else np.ones(shade.shape, np.bool_)
+            known = opaque if self.mode == "scale" else np.ones(shade.shape, np.bool_)
         codes = np.full(shade.shape, UNKNOWN, np.uint8)
         codes[known & (occupancy < self.free)] = FREE
         codes[known & (occupancy > self.occupied)] = OCCUPIED
@@ -100,7 +99,7 @@ def read_map(path: Path) -> Source:
 
 
 def _pixels(image: Path) -> Pixels:
-    """Grey (or red, green, blue) and opacity of each cell, 0 .. 1, row 0 at the lowest y."""
+    """Red, green, blue, and opacity if there is any, 0 .. 1; row 0 at the lowest y."""
     if not image.is_file():
         raise BadInput(f"{image}: the picture of the map is missing")
     try:
@@ -111,15 +110,14 @@ def _pixels(image: Path) -> Pixels:
                 )
             if picture.mode.startswith("I") or picture.mode == "F":
                 grey = np.asarray(picture, np.float64) / 65535.0  # 16 bits a pixel
-                pixels = np.stack([grey, np.ones_like(grey)], axis=-1)
-            else:
-                plain = picture.mode in ("1", "L")
-                pixels = np.asarray(picture.convert("LA" if plain else "RGBA"), np.float64) / 255.0
+                return np.repeat(grey[::-1, :, np.newaxis], 3, axis=2)
+            see_through = picture.has_transparency_data
+            pixels = np.asarray(picture.convert("RGBA" if see_through else "RGB"), np.float64)
+            return pixels[::-1] / 255.0
     except BadInput:
         raise
     except (OSError, UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError):
         raise BadInput(f"{image}: cannot be read as a picture") from None
-    return pixels[::-1]
 
 
 class _PlainLoader(yaml.BaseLoader):  # type: ignore[misc]
