@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -11,13 +13,17 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import ROOT
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from made_run import MadeRun
+from PIL import Image
 
 from echogrid import main
 from mapping.config import load_config
 from recorder.errors import BadInput
 from recorder.session import SessionWriter, read_session
 from replay.diff.comparing import compare
+from replay.diff.layers import FREE, OCCUPIED, UNKNOWN
 from replay.diff.sources.arrays import read_npz, write_npz
 from replay.diff.sources.opening import open_map
 from replay.diff.sources.sessions import map_one
@@ -299,20 +305,31 @@ def test_echoes_outside_the_arena_are_no_walls(shared_data: Path, tmp_path: Path
             assert -0.1 < y_m < 1.7
 
 
+MAP = (
+    b"{image: x.pgm, resolution: 0.1, origin: [0, 0, 0], negate: 0, occupied_thresh: 0.65, "
+    b"free_thresh: 0.2}"
+)
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
         ("x.npz", b"no archive", "not a NumPy archive"),
         ("x.npz", b"", "not a NumPy archive"),
         ("x.yaml", b"a: [", "cannot be read as YAML"),
-        ("x.yaml", b"a: 1", "no map of map_server"),
-        ("x.yaml", b"{image: x.pgm, resolution: -1, origin: [0, 0, 0]}", "give no place"),
-        ("x.yaml", b"{image: x.pgm, resolution: 1, origin: [0, 0, 1]}", "turned by 1 rad"),
-        (
-            "x.yaml",
-            b"{image: x.pgm, resolution: 1, origin: [0, 0, 0]}",
-            "cannot be read as a picture",
-        ),
+        ("x.yaml", b"a: 1", r"image, resolution, origin, negate, .* is missing: map_server"),
+        ("x.yaml", b"- 1", "no map of map_server"),
+        ("x.yaml", MAP.replace(b"0.1", b"-1"), "are no place"),
+        ("x.yaml", MAP.replace(b"0.1", b"9" * 5000), "are no place"),
+        ("x.yaml", MAP.replace(b"0.1", b"2026-01-01"), "are no numbers"),
+        ("x.yaml", MAP.replace(b"0, 0]", b"0, 1]"), "turned by 1 rad"),
+        ("x.yaml", MAP.replace(b"free_thresh: 0.2", b""), "free_thresh is missing"),
+        ("x.yaml", MAP.replace(b"}", b", mode: blue}"), "unknown mode"),
+        ("x.yaml", MAP, "the picture of the map is missing"),
+        ("x.yaml", MAP.replace(b"x.pgm", b"x.yaml"), "cannot be read as a picture"),
+        ("x.yaml", b"a: &a [1]\nb: [*a, *a]", "cannot be read as YAML"),
+        ("x.yaml", b"[" * 60_000, "cannot be read as YAML"),
+        ("x.yaml", b" " * 70_000, "over 64 kB"),
         ("x.pgm", b"P5", "x.yaml that holds where the map lies is missing"),
         ("x.rrd", b"no recording", "cannot be read as a Rerun recording"),
         ("x.txt", b"", "not a map"),
@@ -325,7 +342,7 @@ def test_bad_sources_are_refused_in_one_line(
     path.write_bytes(content)
     with pytest.raises(BadInput) as refused:
         open_map(path)
-    assert words in str(refused.value)
+    assert re.search(words, str(refused.value))
     assert "\n" not in str(refused.value)
     assert name.split(".")[0] in str(refused.value)
 
@@ -370,10 +387,6 @@ def test_a_golden_file_holds_everything_and_is_the_same_bytes(tmp_path: Path) ->
 
 
 def test_a_map_of_map_server_by_its_own_rules(tmp_path: Path) -> None:
-    from PIL import Image
-
-    from replay.diff.layers import FREE, OCCUPIED, UNKNOWN
-
     greys = np.array([[0, 254, 205, 89, 90]], np.uint8)  # 1 - 89/255 = 0.651, 1 - 90/255 = 0.647
     Image.fromarray(np.vstack([greys, 255 - greys])).save(tmp_path / "m.pgm")
     reported = "image: m.pgm\nresolution: 0.05\norigin: [-1, 2, 0]\nnegate: {}\n"
@@ -384,3 +397,52 @@ def test_a_map_of_map_server_by_its_own_rules(tmp_path: Path) -> None:
         upper = [OCCUPIED, FREE, UNKNOWN, OCCUPIED, UNKNOWN]
         assert layer.classes[1 - negate].tolist() == upper  # row 0 lies at the lowest y
         assert (layer.geometry.origin_m, layer.geometry.resolution_m) == ((-1.0, 2.0), 0.05)
+
+
+def nav2_cell(rgba: tuple[int, ...], most: int, mode: str, negate: bool, matte: bool) -> int:
+    """One pixel by nav2_map_server's map_io.cpp, line by line, thresholds 0.65 and 0.196."""
+    channels = list(rgba[:-1])
+    opaque = rgba[-1] == most
+    if mode == "trinary" and matte:
+        channels.append(rgba[-1])
+    shade = sum(channels) / len(channels) / most
+    occ = shade if negate else 1.0 - shade
+    if mode == "raw":
+        percent = round(shade * 255)
+        occ = percent / 100.0 if percent <= 100 else math.nan
+    if mode == "scale" and not opaque:
+        return -1
+    return 100 if occ > 0.65 else 0 if occ < 0.196 else -1
+
+
+@settings(
+    deadline=None, max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    st.sampled_from(["L", "LA", "RGB", "RGBA", "I;16"]),
+    st.sampled_from(["trinary", "scale", "raw"]),
+    st.booleans(), st.integers(0, 2**32 - 1),
+)  # fmt: skip
+def test_any_picture_is_read_as_nav2_reads_it(
+    tmp_path: Path, picture: str, mode: str, negate: bool, seed: int
+) -> None:
+    random = np.random.default_rng(seed)
+    depth = {"L": 1, "LA": 2, "RGB": 3, "RGBA": 4, "I;16": 1}[picture]
+    most = 65535 if picture == "I;16" else 255
+    numbers = random.integers(0, most + 1, (3, 4, depth))
+    if depth in (2, 4):
+        numbers[..., -1] = np.where(random.random((3, 4)) < 0.5, most, numbers[..., -1])
+    array = numbers.astype(np.uint16 if most > 255 else np.uint8)
+    Image.fromarray(array[..., 0] if depth == 1 else array).save(tmp_path / "m.png")
+    (tmp_path / "m.yaml").write_text(
+        f"image: m.png\nresolution: 1\norigin: [0, 0, 0]\nnegate: {int(negate)}\n"
+        f"mode: {mode}\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    (layer,) = open_map(tmp_path / "m.yaml").layers.values()
+    names = {OCCUPIED: 100, FREE: 0, UNKNOWN: -1}
+    for row, col in np.ndindex(3, 4):
+        pixel = numbers[row, col].tolist()
+        colours, alpha = (pixel[:-1], pixel[-1]) if depth in (2, 4) else (pixel, most)
+        rgba = (*(colours * 3)[:3], alpha) if depth < 3 else (*colours, alpha)
+        expected = nav2_cell(rgba, most, mode, negate, depth in (2, 4))
+        assert names[int(layer.classes[2 - row, col])] == expected, (pixel, mode)

@@ -24,7 +24,11 @@ from replay.diff.layers import (
     never_seen,
 )
 
-_NEEDED = ("image", "resolution", "origin")
+_NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
+_TRUTH = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True}
+MOST_YAML_BYTES = 1 << 16
+MOST_PIXELS = 100_000_000
+Pixels = NDArray[np.float64]
 _RAW_MOST = 100  # in the mode raw, a larger grey is unknown
 
 
@@ -39,16 +43,21 @@ class MapFile:
     occupied: float
     free: float
 
-    def classes(self, grey: NDArray[np.uint8]) -> Codes:
-        """Greys 0 .. 255 → classes, by map_server's own rule."""
+    def classes(self, pixels: Pixels) -> Codes:
+        """Pixels (rows, cols, 3 or 4 channels) 0 .. 1 → classes, as nav2's ``map_io`` makes them.
+
+        The shade is the mean of the colours; in the mode trinary with the opacity among them where
+        the picture has any, while in the mode scale a pixel that is not opaque is unknown.
+        """
+        shade = pixels[..., : 4 if self.mode == "trinary" else 3].mean(axis=-1)
+        opaque = np.ones(shade.shape, np.bool_) if pixels.shape[2] < 4 else pixels[..., 3] == 1.0
         if self.mode == "raw":
-            occupancy = grey.astype(np.float64) / _RAW_MOST
-            known = grey <= _RAW_MOST
+            occupancy = np.round(shade * 255.0) / _RAW_MOST
+            known = occupancy <= 1.0
         else:
-            lightness = grey.astype(np.float64) / 255.0
-            occupancy = lightness if self.negate else 1.0 - lightness
-            known = np.ones(grey.shape, np.bool_)
-        codes = np.full(grey.shape, UNKNOWN, np.uint8)
+            occupancy = shade if self.negate else 1.0 - shade
+            known = opaque if self.mode == "scale" else np.ones(shade.shape, np.bool_)
+        codes = np.full(shade.shape, UNKNOWN, np.uint8)
         codes[known & (occupancy < self.free)] = FREE
         codes[known & (occupancy > self.occupied)] = OCCUPIED
         return codes
@@ -74,52 +83,81 @@ def read_map(path: Path) -> Source:
     file = path.with_suffix(".yaml") if path.suffix.lower() == ".pgm" else path
     if not file.is_file():
         raise BadInput(f"{path}: the file {file.name} that holds where the map lies is missing")
-    map_file = _described(file)
-    try:
-        with Image.open(map_file.image) as picture:
-            rgba = picture.convert("RGBA")
-            grey = np.asarray(rgba.convert("L"), np.uint8)[::-1]
-            opaque = np.asarray(rgba, np.uint8)[::-1, :, 3] == 255
-    except (OSError, UnidentifiedImageError, ValueError, Image.DecompressionBombError):
-        raise BadInput(f"{map_file.image}: cannot be read as a picture") from None
-    x, y, size = map_file.geometry_m
-    codes = map_file.classes(grey)
-    if map_file.mode == "scale":
-        codes[~opaque] = UNKNOWN
+    described = _described(file)
+    codes = described.classes(_pixels(described.image))
+    x, y, size = described.geometry_m
     layer = MapLayer(
-        file.stem, "classes", GridGeometry((x, y), size, *grey.shape), None, codes, UNKNOWN,
-        reclass=map_file.reclass,
+        file.stem, "classes", GridGeometry((x, y), size, *codes.shape), None, codes, UNKNOWN,
+        reclass=described.reclass,
     )  # fmt: skip
     note = (
-        f"{file.name} holds classes only (occupied above {map_file.occupied:g}, free below "
-        f"{map_file.free:g}): classes are compared"
+        f"{file.name} holds classes only (occupied above {described.occupied:g}, free below "
+        f"{described.free:g}): classes are compared"
     )
     return Source(path, "map_server map", {layer.name: layer}, single=True, notes=(note,))
 
 
+def _pixels(image: Path) -> Pixels:
+    """Red, green, blue, and opacity if there is any, 0 .. 1; row 0 at the lowest y."""
+    if not image.is_file():
+        raise BadInput(f"{image}: the picture of the map is missing")
+    try:
+        with Image.open(image) as picture:
+            if picture.width * picture.height > MOST_PIXELS:
+                raise BadInput(
+                    f"{image}: {picture.width} x {picture.height} pixels, at most {MOST_PIXELS:,}"
+                )
+            if picture.mode.startswith("I") or picture.mode == "F":
+                grey = np.asarray(picture, np.float64) / 65535.0  # 16 bits a pixel
+                return np.repeat(grey[::-1, :, np.newaxis], 3, axis=2)
+            see_through = picture.has_transparency_data
+            pixels = np.asarray(picture.convert("RGBA" if see_through else "RGB"), np.float64)
+            return pixels[::-1] / 255.0
+    except BadInput:
+        raise
+    except (OSError, UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError):
+        raise BadInput(f"{image}: cannot be read as a picture") from None
+
+
+class _PlainLoader(yaml.BaseLoader):  # type: ignore[misc]
+    """YAML in which every value is text and nothing refers to another place: no bombs, no dates."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError("an alias")
+        return super().compose_node(parent, index)
+
+
 def _described(file: Path) -> MapFile:
     try:
-        content = yaml.safe_load(file.read_text("utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        if file.stat().st_size > MOST_YAML_BYTES:
+            raise BadInput(f"{file}: no map of map_server (over {MOST_YAML_BYTES >> 10} kB)")
+        values = yaml.load(file.read_text("utf-8"), Loader=_PlainLoader)
+    except BadInput:
+        raise
+    except (OSError, ValueError, RecursionError, yaml.YAMLError):
         raise BadInput(f"{file}: cannot be read as YAML") from None
-    if not isinstance(content, dict) or any(key not in content for key in _NEEDED):
+    if not isinstance(values, dict):
         raise BadInput(f"{file}: no map of map_server (it needs {', '.join(_NEEDED)})")
+    missing = [key for key in _NEEDED if key not in values]
+    if missing:
+        raise BadInput(f"{file}: {', '.join(missing)} is missing: map_server refuses such a map")
     try:
-        x, y, yaw = (float(v) for v in content["origin"])
-        size = float(content["resolution"])
-        occupied = float(content.get("occupied_thresh", 0.65))
-        free = float(content.get("free_thresh", 0.25))
-    except (TypeError, ValueError):
-        raise BadInput(f"{file}: its origin, resolution or thresholds are no numbers") from None
-    if not all(map(math.isfinite, (x, y, size))) or size <= 0.0:
-        raise BadInput(f"{file}: its origin and resolution give no place")
+        x, y, yaw = (float(v) for v in values["origin"])
+        size, occupied, free = (
+            float(values[key]) for key in ("resolution", "occupied_thresh", "free_thresh")
+        )
+        negate = _TRUTH[str(values["negate"]).lower()]
+    except (TypeError, ValueError, KeyError):
+        raise BadInput(
+            f"{file}: its origin, resolution, thresholds or negate are no numbers"
+        ) from None
+    if not all(map(math.isfinite, (x, y, size, yaw, occupied, free))) or not 0.0 < size < 1e6:
+        raise BadInput(f"{file}: its origin and resolution are no place")
     if abs(yaw) > 1e-9:
         raise BadInput(f"{file}: the map is turned by {yaw:g} rad, which cannot be compared")
-    image = file.parent / str(content["image"])
-    mode = _mode(content.get("mode", "trinary"))
-    return MapFile(image, (x, y, size), mode, bool(content.get("negate", 0)), occupied, free)
-
-
-def _mode(mode: Any) -> str:
-    name = str(mode).lower()
-    return name if name in ("trinary", "scale", "raw") else "trinary"
+    mode = str(values.get("mode", "trinary")).lower()
+    if mode not in ("trinary", "scale", "raw"):
+        raise BadInput(f"{file}: unknown mode (trinary, scale or raw)")
+    image = file.parent / str(values["image"])
+    return MapFile(image, (x, y, size), mode, negate, occupied, free)
