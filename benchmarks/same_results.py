@@ -1,4 +1,4 @@
-"""Do two commits give the same maps to the bit? ``python -m benchmarks.same_results BEFORE [AFTER]``.
+"""Do two commits give the same maps? ``python -m benchmarks.same_results BEFORE [AFTER]``.
 
 Checks both commits out, maps every session in ``logs/`` with every update rule and every sensor
 model of BEFORE, and compares each exported file and, with the default model, everything that reads
