@@ -61,7 +61,7 @@ def import_(
     files: tuple[Path, ...], output: Path, form: str | None, force: bool, quiet: bool,
     **choices: Any,
 ) -> int:  # fmt: skip
-    """Turn other people's logs into a session: traces, lidar logs, sonar rings, text files."""
+    """Turn other people's logs into a session."""
     from recorder.importers import guess_format, import_log
     from recorder.outputs import check_output
     from recorder.session import SessionWriter

@@ -52,8 +52,8 @@ IMPORTERS: Mapping[str, Importer] = MappingProxyType(
 def guess_format(path: Path) -> str:
     """The name of the format that the file begins like; BadInput when it is none of ours."""
     try:
-        if not path.is_file():
-            raise BadInput(f"{path}: {'is no file' if path.exists() else 'no such file'}")
+        if path.exists() and not path.is_file():  # a pipe would never end
+            raise BadInput(f"{path}: cannot be read (no regular file)")
         with path.open("rb") as file:
             head = file.read(_HEAD_BYTES)
     except OSError as error:

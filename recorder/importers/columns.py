@@ -12,7 +12,7 @@ from recorder.protocols.csv import SKIPPED, Column, parse_columns
 from recorder.protocols.rows import RowField
 
 _UNIT_IN_NAME = re.compile(
-    r"^(.*?)[\s_]*[\[(/_\s]\s*(mm|cm|m|in|inch|deg|degrees|rad|ms|us|s|sec)\s*[\])]?$"
+    r"^(.*?)[\s_]*[\[(/_:\s]\s*(mm|cm|m|in|inch|deg|degrees|rad|ms|us|s|sec)\s*[\])]?$"
 )
 _TIMES = {"t", "time", "timestamp", "millis", "micros", "stamp", "ms", "sec", "seconds", "zeit"}
 _ANGLES = {"angle", "servo", "head", "bearing", "pan", "deg", "degrees", "azimuth", "winkel"}

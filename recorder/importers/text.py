@@ -106,8 +106,8 @@ def import_text(
 
 def _lines_of(path: Path) -> list[str]:
     try:
-        if not path.is_file():
-            raise BadInput(f"{path}: is no file")
+        if path.exists() and not path.is_file():  # a pipe would never end
+            raise BadInput(f"{path}: cannot be read (no regular file)")
         if path.stat().st_size > MOST_BYTES:
             raise BadInput(f"{path}: over {MOST_BYTES >> 20} MB: split it first")
         data = path.read_bytes()
