@@ -100,11 +100,15 @@ class Translator:
             self.tally["received"] += 1
         t_ns = self._measured_ns(packet, arrival_ns)
         self.tally["invalid_values"] += packet.invalid
-        reports = () if packet.report is None else (packet.report, *packet.more)
-        for report in reports:
+        for message in self.reports(packet, t_ns):
+            yield arrival_ns, message
+
+    def reports(self, packet: Packet, t_ns: int) -> Iterator[Message]:
+        """The messages of a packet that was measured at ``t_ns``."""
+        for report in () if packet.report is None else (packet.report, *packet.more):
             message = self._message(report, t_ns)
             if message is not None:
-                yield arrival_ns, message
+                yield message
 
     def link_event(self, event: LinkEvent) -> None:
         """The serial link was opened, lost or opened again."""

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from recorder.errors import BadInput
 from recorder.geometry import SE2, wrap_angle
+from recorder.importers.imported import Imported
 from recorder.messages import BASE_FRAME, Message, Pose, Range, Transform
 from recorder.sensors import UNKNOWN_KIND, SensorKind, guess_kind
 
@@ -31,15 +32,6 @@ LATEST_START_S = 4e9  # keeps nanoseconds well inside 63 bits
 
 _HEADER = re.compile(r"\s*x\s*,\s*y\s*,\s*angle\s*,", re.IGNORECASE)
 _LINE_END = re.compile(r"\r\n|\n|\r")
-
-
-@dataclass(frozen=True, slots=True)
-class Imported:
-    """A log as messages: (log_ns, message) in time order, what is known of it, what was dropped."""
-
-    records: list[tuple[int, Message]]
-    metadata: dict[str, str]
-    dropped: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,10 +46,16 @@ class LineProtocol(Protocol):
 
     checked: ClassVar[bool] = False
     max_line_bytes: ClassVar[int] = 256
+    carriage_return_ends_lines: ClassVar[bool] = False
+    """True where a CR alone ends a line, too."""
 
     def __init__(self) -> None:
         longest = self.max_line_bytes
-        self._stretch = re.compile(rb"[^\n]{0,%d}\n|[^\n]{%d}" % (longest - 1, longest))
+        lines = rb"[^\n]{0,%d}\n|[^\n]{%d}"
+        if self.carriage_return_ends_lines:  # one that ends the data so far may belong to CR LF
+            lines = rb"[^\r\n]{0,%d}(?:\r*\n|\r(?=[^\r\n]))|[^\r\n]{%d}"
+        self._stretch = re.compile(lines % (longest - 1, longest))
+        self._ends = (b"\n", b"\r") if self.carriage_return_ends_lines else (b"\n",)
         self._pending = b""
         self._in_step = False  # whether the next byte begins a line
 
@@ -90,7 +96,7 @@ class LineProtocol(Protocol):
         return [Packet(raw, fault=fault)] if raw else []
 
     def _take(self, raw: bytes) -> Packet:
-        was_in_step, self._in_step = self._in_step, raw.endswith(b"\n")
+        was_in_step, self._in_step = self._in_step, raw.endswith(self._ends)
         if not was_in_step:
             return Packet(raw, fault=Fault.NOISE)
         if not self._in_step:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from recorder.errors import BadInput
-from recorder.geometry import SE2
+from recorder.geometry import SE2, wrap_angle
 from recorder.messages import BASE_FRAME, Radiation, Transform
 from recorder.names import FRAME_NAME, did_you_mean
 from recorder.odometry import WheelGeometry
@@ -47,6 +47,12 @@ def parse_wheels(text: str) -> WheelGeometry:
     if min(radius_m, track_m, counts_per_turn) <= 0.0:
         raise BadInput(f"--wheels {text}: all three must be above zero")
     return WheelGeometry(counts_per_turn / (2.0 * math.pi * radius_m), track_m)
+
+
+def parse_pose(text: str) -> SE2:
+    """``X_M,Y_M,DEG`` → where a robot stands. Raises BadInput in one line."""
+    x_m, y_m, heading_deg = _numbers(text, f"--pose {text}", "--pose X,Y,DEG")
+    return SE2(x_m, y_m, wrap_angle(math.radians(heading_deg)))
 
 
 def parse_mount(text: str) -> Transform:
