@@ -1,0 +1,381 @@
+"""A session read as columns: whole chunks at a time, in the memory of a few, again and again.
+
+The frames of the file are walked by :class:`~recorder.session_scan.SessionScan`, so that damage is
+met, counted and reported as it always is. Only what is inside a chunk whose checksum is right is
+taken apart in bulk: where its messages begin, of which channel they are, and what is in them.
+Whatever is out of the ordinary goes, message by message, the way of
+:class:`~recorder.session_reader.SessionReader`, with the same result.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, field
+from typing import BinaryIO
+
+import numpy as np
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Metadata, Schema
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import get_chunk_data_stream
+from numpy.typing import NDArray
+
+from recorder.columns import LAST_NS, Block, Columns, Ints, OtherColumns, columns_of
+from recorder.errors import BadInput
+from recorder.messages import Record
+from recorder.ros_columns import KIND_OF_TYPE, ChannelColumns, Rows, gathered
+from recorder.session_format import UNREADABLE, Damage
+from recorder.session_frames import FRAME, PARSERS, Frame, Senseless, chunk_size, parsed
+from recorder.session_reader import SessionReader
+from recorder.session_scan import SessionScan
+
+_BATCH_BYTES = 1 << 18  # small chunks are decoded together: arrays of a few rows cost too much
+_LOOSE_RECORDS = 1000
+_FIXED_BYTES = 22  # of a message, before its data
+_FEW_BYTES = 1 << 13  # of a chunk that is walked message by message as fast
+_HEAD = np.dtype(
+    {
+        "names": ["length", "channel", "sequence", "log", "publish"],
+        "formats": ["<u8", "<u2", "<u4", "<u8", "<u8"],
+        "offsets": [1, 9, 11, 15, 23],
+        "itemsize": FRAME.size + _FIXED_BYTES,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What of a session is wanted: topics, kinds of columns, times in [from, to); None: all."""
+
+    topics: Collection[str] | None = None
+    kinds: tuple[type[Columns], ...] | None = None
+    t_ns: tuple[int, int] | None = None
+
+    def takes(self, topic: str, type_name: str) -> bool:
+        """Whether a channel holds anything that is wanted."""
+        kind = KIND_OF_TYPE.get(type_name, OtherColumns)
+        return (self.topics is None or topic in self.topics) and (
+            self.kinds is None or issubclass(kind, self.kinds)
+        )
+
+    def of(self, columns: Columns) -> Columns:
+        """The rows of the times that are wanted."""
+        if self.t_ns is None:
+            return columns
+        first_ns, end_ns = self.t_ns
+        return columns.where((columns.t_ns >= first_ns) & (columns.t_ns < end_ns))
+
+
+ALL = Choice()
+
+
+@dataclass(slots=True)
+class Stretch(McapRecord):
+    """Messages as they lie behind each other in a chunk; ``starts`` (N,) of their frames."""
+
+    data: bytes
+    starts: Ints
+
+
+class ChunkScan(SessionScan):
+    """A walk over a file that leaves the messages of its good chunks together."""
+
+    def everything(self) -> Iterator[McapRecord]:
+        """All records as they come: Stretch, and what :meth:`records` takes."""
+        yield from self._walk()
+
+    def count(self, channel_id: int, sequence: Ints) -> None:
+        """Count messages of a channel that is known; ``sequence`` (N,) are their numbers."""
+        self.counts[channel_id] += len(sequence)
+        if self.ours:
+            last = self._last_number.get(channel_id, 0)
+            steps = np.diff(sequence, prepend=last) - 1
+            self._missing[channel_id] += int(np.maximum(steps, 0).sum())
+            self._last_number[channel_id] = int(sequence[-1])
+
+    def count_one(self, message: McapMessage) -> bool:
+        """Count a message whose channel may be unknown: whether it may be taken."""
+        return self._count(message)
+
+    def end(self) -> None:
+        """Note what is missing, once all has been counted."""
+        self._say_what_is_missing()
+
+    def _unpack_chunk(self, chunk: Chunk, frame: Frame) -> Iterator[McapRecord]:
+        found: list[McapRecord] | None = None
+        if chunk_size(chunk) == len(frame.content):
+            try:
+                stream, size = get_chunk_data_stream(chunk, validate_crc=True)
+                found = taken_apart(stream.read(size))
+            except (Senseless, *UNREADABLE):
+                pass  # what it is, is found again and noted below
+        if found is None:
+            yield from super()._unpack_chunk(chunk, frame)
+            return
+        self._sure = frame.end
+        if chunk.uncompressed_crc == 0:
+            self.unverified += sum(len(s.starts) for s in found if isinstance(s, Stretch))
+        yield from found
+
+
+def taken_apart(data: bytes) -> list[McapRecord] | None:
+    """The definitions and stretches of messages in a chunk, in their order.
+
+    None, or Senseless or what the library raises, where it is not quite as it should be.
+    """
+    records: list[McapRecord] = []
+    starts: list[int] = []
+    at, size = 0, len(data)
+    while at < size:
+        if data[at] == Opcode.MESSAGE and not starts and size - at > _FEW_BYTES:
+            found = message_starts(data, at)
+            if found is not None:
+                return [*records, Stretch(data, found)]
+        opcode, length = FRAME.unpack_from(data, at)
+        end = at + FRAME.size + length
+        if end > size:
+            return None
+        if opcode == Opcode.MESSAGE:
+            if length < _FIXED_BYTES:
+                return None
+            starts.append(at)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            if starts:
+                records.append(Stretch(data, np.array(starts, np.int64)))
+                starts = []
+            records.append(parsed(PARSERS[opcode], data[at + FRAME.size : end], True))
+        at = end
+    if starts:
+        records.append(Stretch(data, np.array(starts, np.int64)))
+    return records
+
+
+def message_starts(data: bytes, first: int) -> Ints | None:
+    """Where messages begin that fill ``data`` from ``first`` on, (N,); None where others are among
+    them.
+
+    Each byte that could begin one is looked at; those that do are a chain without a gap, in which
+    each ends where the next one begins.
+    """
+    size = len(data)
+    values = np.frombuffer(data, np.uint8, size - first - FRAME.size + 1, first)
+    at = np.flatnonzero(values == Opcode.MESSAGE) + first
+    length = gathered(data, at, _LENGTH)["length"]
+    likely = (length >= _FIXED_BYTES) & (length <= size)
+    at = at[likely]
+    end = at + FRAME.size + length[likely].astype(np.int64)
+    for _ in range(4):  # a chance hit is seldom the end of another one
+        if len(at) and at[0] == first and end[-1] == size and np.array_equal(end[:-1], at[1:]):
+            return at
+        at, end = at[end <= size], end[end <= size]
+        reached = np.zeros(size + 1, np.bool_)
+        reached[first] = True
+        reached[end] = True
+        kept = reached[at]
+        at, end = at[kept], end[kept]
+    return None
+
+
+_LENGTH = np.dtype(
+    {"names": ["length"], "formats": ["<u8"], "offsets": [1], "itemsize": FRAME.size}
+)
+
+
+@dataclass(slots=True)
+class ColumnReader(SessionReader):
+    """One pass over a session by columns: :meth:`blocks` in place of :meth:`records`.
+
+    What else a reader knows (metadata, attachments, damage, counts) is the same.
+    """
+
+    _columns: dict[tuple[int, str], ChannelColumns] = field(default_factory=dict)
+    _rows: int = 0
+
+    def blocks(self, choice: Choice = ALL) -> Iterator[Block]:
+        """The messages that are understood and wanted, a few chunks at a time, in file order.
+
+        All is counted and checked, wanted or not; what is not wanted is not decoded, so that it is
+        not known whether it could be. Raises BadInput as :meth:`records` does.
+        """
+        try:
+            size = self.path.stat().st_size
+            if size == 0:
+                raise BadInput(f"{self.path}: an empty file, not a session")
+            with self.path.open("rb") as file:
+                yield from self._through(file, size, choice)
+        except OSError as error:
+            raise BadInput(f"{self.path}: {error.strerror or error}") from None
+
+    def _through(self, file: BinaryIO, size: int, choice: Choice) -> Iterator[Block]:
+        self._scan = scan = ChunkScan(file, size, self._damage)
+        try:
+            yield from self._batches(scan, choice)
+            scan.end()
+        except BadInput as error:
+            raise BadInput(f"{self.path}: {error}") from None
+        if self._damage and not (self.channels or self.metadata or self.attachments):
+            raise BadInput(f"{self.path}: nothing in it can be read ({self.damage[0]})")
+        for topic, count in self._undecoded.items():
+            self._damage.note(f"{topic}: {count} messages cannot be decoded")
+
+    def _batches(self, scan: ChunkScan, choice: Choice) -> Iterator[Block]:
+        pending: list[Stretch] = []
+        loose: list[tuple[int, Record]] = []
+        for record in scan.everything():
+            changes = isinstance(record, Schema | Channel) and not _is_known(record, scan)
+            if pending and (changes or isinstance(record, McapMessage)):
+                yield self._decoded(pending, scan, choice)
+                pending = []
+            if loose and (isinstance(record, Stretch) or len(loose) >= _LOOSE_RECORDS):
+                yield self._block(columns_of(loose), choice)
+                loose = []
+            match record:
+                case Stretch():
+                    pending.append(record)
+                    if self._is_due(pending, scan):
+                        yield self._decoded(pending, scan, choice)
+                        pending = []
+                case Schema():
+                    scan.schemas[record.id] = record
+                case Channel():
+                    scan.channels[record.id] = record
+                case McapMessage():
+                    loose += self._loose(record, scan, choice)
+                case Metadata():
+                    self._take_metadata(record)
+                case Attachment():
+                    self.attachments[record.name] = record.data
+        if pending:
+            yield self._decoded(pending, scan, choice)
+        if loose:
+            yield self._block(columns_of(loose), choice)
+
+    def _is_due(self, pending: list[Stretch], scan: ChunkScan) -> bool:
+        """Whether to decode now. What may be noted as damage is, in its order: nothing waits then.
+
+        So it is while there are channels of which no message has come yet.
+        """
+        if self._damage or not scan.channels.keys() <= self.channels.keys():
+            return True
+        return sum(len(stretch.data) for stretch in pending) >= _BATCH_BYTES
+
+    def _decoded(self, pending: list[Stretch], scan: ChunkScan, choice: Choice) -> Block:
+        batch = _Batch.of(pending, self._rows)
+        self._rows += len(batch.starts)
+        columns: list[Columns] = []
+        left: list[int] = []
+        for channel_id, chosen in _by_channel(batch.head["channel"]):
+            if channel_id in scan.channels:
+                scan.count(channel_id, batch.head["sequence"][chosen].astype(np.int64))
+            else:
+                kept = [scan.count_one(batch.message(int(at))) for at in chosen]
+                chosen = chosen[kept]
+            if len(chosen):
+                more, rest = self._in_bulk(batch.rows(chosen), scan.channels[channel_id], choice)
+                columns += more
+                left += rest
+        loose: list[tuple[int, Record]] = []
+        for row in sorted(left):
+            message = batch.message(row - batch.first_row)
+            loose += ((row, record) for record in self._decode(message, scan))
+        return self._block([*columns, *columns_of(loose)], choice)
+
+    def _in_bulk(
+        self, rows: Rows, channel: Channel, choice: Choice
+    ) -> tuple[list[Columns], list[int]]:
+        """The columns of messages of one channel, and the rows that are to be decoded one by one.
+
+        Those are not counted yet.
+        """
+        assert isinstance(self._scan, ChunkScan)
+        count = self._count(channel, self._scan)
+        decoder = self._decoders[channel.id]
+        wanted = choice.takes(channel.topic, count.type_name)
+        if decoder is None or not decoder.known or not wanted:
+            count.messages += len(rows)
+            return [], []
+        key = channel.id, channel.topic
+        if key not in self._columns:
+            definition = self._scan.schemas[channel.schema_id].data
+            self._columns[key] = ChannelColumns(count.type_name, definition, channel.topic)
+        columns, rest = self._columns[key].take(rows)
+        count.messages += len(rows) - len(rest)
+        return columns, rest.row.tolist()
+
+    def _loose(
+        self, message: McapMessage, scan: ChunkScan, choice: Choice
+    ) -> Iterator[tuple[int, Record]]:
+        """What a message brings that stands alone."""
+        row = self._rows
+        self._rows += 1
+        if not scan.count_one(message):
+            return
+        channel = scan.channels[message.channel_id]
+        count = self._count(channel, scan)
+        if not choice.takes(channel.topic, count.type_name):
+            count.messages += 1
+            return
+        for record in self._decode(message, scan):
+            yield row, record
+
+    def _block(self, columns: list[Columns], choice: Choice) -> Block:
+        wanted = (choice.of(each) for each in columns)
+        return Block(tuple(each for each in wanted if len(each)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Batch:
+    """Messages of a few chunks in one piece of memory; ``head`` (N,) is what stands before each."""
+
+    data: bytes
+    starts: Ints
+    head: NDArray[np.void]
+    first_row: int
+
+    @classmethod
+    def of(cls, pending: list[Stretch], first_row: int) -> _Batch:
+        """Stretches one behind the other."""
+        data, starts = pending[0].data, pending[0].starts
+        if len(pending) > 1:
+            sizes = [len(stretch.data) for stretch in pending]
+            shifts = np.cumsum([0, *sizes[:-1]])
+            data = b"".join(stretch.data for stretch in pending)
+            starts = np.concatenate([s.starts + by for s, by in zip(pending, shifts, strict=True)])
+        return cls(data, starts, gathered(data, starts, _HEAD), first_row)
+
+    def rows(self, chosen: Ints) -> Rows:
+        """The messages numbered ``chosen`` (M,) within the batch."""
+        starts, head = self.starts[chosen], self.head[chosen]
+        ends = starts + FRAME.size + head["length"].astype(np.int64)
+        log_ns, publish_ns = (_signed(head[name]) for name in ("log", "publish"))
+        return Rows(
+            self.data, starts + _HEAD.itemsize, ends, chosen + self.first_row, log_ns, publish_ns
+        )
+
+    def message(self, at: int) -> McapMessage:
+        """One message as the library has it."""
+        head, start = self.head[at], int(self.starts[at])
+        end = start + FRAME.size + int(head["length"])
+        return McapMessage(
+            channel_id=int(head["channel"]), log_time=int(head["log"]),
+            data=self.data[start + _HEAD.itemsize : end], publish_time=int(head["publish"]),
+            sequence=int(head["sequence"]),
+        )  # fmt: skip
+
+
+def _by_channel(ids: NDArray[np.uint16]) -> list[tuple[int, Ints]]:
+    """The channels in the order in which they come, and the places (M,) of each one's messages."""
+    present = np.flatnonzero(np.bincount(ids))
+    places = [(int(each), np.flatnonzero(ids == each)) for each in present]
+    return sorted(places, key=lambda found: int(found[1][0]))
+
+
+def _signed(times: NDArray[np.uint64]) -> Ints:
+    """Nanoseconds that fit; what lies behind the year 2262 is held as its last moment."""
+    return np.minimum(times, np.uint64(LAST_NS)).astype(np.int64)
+
+
+def _is_known(record: Schema | Channel, scan: ChunkScan) -> bool:
+    known = scan.schemas if isinstance(record, Schema) else scan.channels
+    return known.get(record.id) == record
