@@ -7,7 +7,7 @@ of several topics can be put into order again.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Self, TypeVar
 
@@ -29,7 +29,6 @@ from recorder.messages import (
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Texts = Callable[[int], str]
 T = TypeVar("T")
 LAST_NS = (1 << 63) - 1  # in the year 2262: no later time has room in a column
 
@@ -107,9 +106,7 @@ class TransformColumns(MotionColumns):
 
     def message(self, at: int) -> Transform:
         """The message of one row."""
-        return Transform(
-            int(self.t_ns[at]), self.parent, self.child, self.motion(at), self.static
-        )
+        return Transform(int(self.t_ns[at]), self.parent, self.child, self.motion(at), self.static)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,6 +199,39 @@ class Block:
     def nbytes(self) -> int:
         """The memory that its arrays take, at most."""
         return sum(each.nbytes for each in self.columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """What of a session is wanted: topics, kinds of columns, times in [from, to); None: all."""
+
+    topics: Collection[str] | None = None
+    kinds: tuple[type[Columns], ...] | None = None
+    t_ns: tuple[int, int] | None = None
+
+    def takes(self, topic: str, kind: type[Columns]) -> bool:
+        """Whether messages of that kind on that topic are wanted."""
+        return (self.topics is None or topic in self.topics) and (
+            self.kinds is None or issubclass(kind, self.kinds)
+        )
+
+    def of(self, columns: Columns) -> Columns:
+        """The rows of the times that are wanted."""
+        if self.t_ns is None:
+            return columns
+        first_ns, end_ns = self.t_ns
+        return columns.where((columns.t_ns >= first_ns) & (columns.t_ns < end_ns))
+
+
+ALL = Choice()
+
+
+def elementwise(function: Callable[..., float], *values: Floats) -> Floats:
+    """A function of :mod:`math` for each element.
+
+    Those of NumPy differ in the last bit on some processors; the maps may not.
+    """
+    return np.fromiter(map(function, *(v.tolist() for v in values)), np.float64, len(values[0]))
 
 
 def block_of(records: Iterable[Record], first_row: int = 0) -> Block:

@@ -23,6 +23,7 @@ from recorder.columns import (
     RawColumns,
     ScanColumns,
     TransformColumns,
+    elementwise,
 )
 from recorder.ros_layouts import Definition, Layout, layout_of, parse_definition
 from recorder.ros_types import _DIGITS, _sensor_name
@@ -162,14 +163,6 @@ def _plain(values: NDArray[np.float32]) -> Floats:
     return values.astype(np.float64)
 
 
-def elementwise(function: Callable[..., float], *values: Floats) -> Floats:
-    """A function of :mod:`math` for each element.
-
-    Those of NumPy differ in the last bit on some processors; the maps may not.
-    """
-    return np.fromiter(map(function, *(v.tolist() for v in values)), np.float64, len(values[0]))
-
-
 def _t_ns(found: NDArray[np.void], header: str) -> Ints:
     seconds = found[f"{header}.stamp.sec"].astype(np.int64)
     t_ns: Ints = seconds * NS_PER_S + found[f"{header}.stamp.nanosec"]
@@ -218,9 +211,7 @@ def _range_paths(layout: Layout) -> dict[str, str]:
     return _stamp_paths(layout, "header") | values
 
 
-def _read_ranges(
-    layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]
-) -> list[Columns]:
+def _read_ranges(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]) -> list[Columns]:
     sensor = _sensor_name(topic, layout.texts["header.frame_id"])
     limits = [_mostly_one(found[name], rounded) for name in
               ("field_of_view", "min_range", "max_range")]  # fmt: skip
@@ -240,9 +231,7 @@ def _read_scans(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void])
     angles = [_mostly_one(found[name], _plain) for name in ("angle_min", "angle_increment")]
     limits = [_mostly_one(found[name], rounded) for name in ("range_min", "range_max")]
     ranges_m, t_ns = _plain(found["ranges"]), _t_ns(found, "header")
-    return [
-        ScanColumns(topic, rows.row, rows.log_ns, t_ns, sensor, ranges_m, *angles, *limits)
-    ]
+    return [ScanColumns(topic, rows.row, rows.log_ns, t_ns, sensor, ranges_m, *angles, *limits)]
 
 
 def _transform_names(layout: Layout) -> Iterable[str]:
@@ -271,13 +260,16 @@ def _read_transforms(
     ]  # fmt: skip
 
 
-def _read_texts(
-    definition: Definition, topic: str, rows: Rows
-) -> tuple[list[Columns], Rows]:
+def _read_texts(definition: Definition, topic: str, rows: Rows) -> tuple[list[Columns], Rows]:
     """Lines of text, all of different lengths; those that are not plain ASCII are left."""
     only = definition.fields[0]
     fits = rows.ends - rows.starts >= _TEXT_HEAD.itemsize
-    if (len(definition.fields), only.type_name, only.count, only.name) != (1, "string", None, "data"):
+    if (len(definition.fields), only.type_name, only.count, only.name) != (
+        1,
+        "string",
+        None,
+        "data",
+    ):
         fits[:] = False
     fitting = rows.where(fits)
     if not len(fitting):

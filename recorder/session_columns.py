@@ -9,9 +9,9 @@ Whatever is out of the ordinary goes, message by message, the way of
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
@@ -21,11 +21,11 @@ from mcap.records import Message as McapMessage
 from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
-from recorder.columns import LAST_NS, Block, Columns, Ints, OtherColumns, columns_of
+from recorder.columns import ALL, LAST_NS, Block, Choice, Columns, Ints, OtherColumns, columns_of
 from recorder.errors import BadInput
 from recorder.messages import Record
 from recorder.ros_columns import KIND_OF_TYPE, ChannelColumns, Rows, gathered
-from recorder.session_format import UNREADABLE, Damage
+from recorder.session_format import UNREADABLE
 from recorder.session_frames import FRAME, PARSERS, Frame, Senseless, chunk_size, parsed
 from recorder.session_reader import SessionReader
 from recorder.session_scan import SessionScan
@@ -33,7 +33,7 @@ from recorder.session_scan import SessionScan
 _BATCH_BYTES = 1 << 18  # small chunks are decoded together: arrays of a few rows cost too much
 _LOOSE_RECORDS = 1000
 _FIXED_BYTES = 22  # of a message, before its data
-_FEW_BYTES = 1 << 13  # of a chunk that is walked message by message as fast
+_FEW = 64  # so many messages are walked one by one as fast as together
 _HEAD = np.dtype(
     {
         "names": ["length", "channel", "sequence", "log", "publish"],
@@ -42,32 +42,6 @@ _HEAD = np.dtype(
         "itemsize": FRAME.size + _FIXED_BYTES,
     }
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """What of a session is wanted: topics, kinds of columns, times in [from, to); None: all."""
-
-    topics: Collection[str] | None = None
-    kinds: tuple[type[Columns], ...] | None = None
-    t_ns: tuple[int, int] | None = None
-
-    def takes(self, topic: str, type_name: str) -> bool:
-        """Whether a channel holds anything that is wanted."""
-        kind = KIND_OF_TYPE.get(type_name, OtherColumns)
-        return (self.topics is None or topic in self.topics) and (
-            self.kinds is None or issubclass(kind, self.kinds)
-        )
-
-    def of(self, columns: Columns) -> Columns:
-        """The rows of the times that are wanted."""
-        if self.t_ns is None:
-            return columns
-        first_ns, end_ns = self.t_ns
-        return columns.where((columns.t_ns >= first_ns) & (columns.t_ns < end_ns))
-
-
-ALL = Choice()
 
 
 @dataclass(slots=True)
@@ -128,10 +102,10 @@ def taken_apart(data: bytes) -> list[McapRecord] | None:
     starts: list[int] = []
     at, size = 0, len(data)
     while at < size:
-        if data[at] == Opcode.MESSAGE and not starts and size - at > _FEW_BYTES:
-            found = message_starts(data, at)
-            if found is not None:
-                return [*records, Stretch(data, found)]
+        if len(starts) == _FEW:  # definitions mostly come before the first messages
+            rest = message_starts(data, at)
+            if rest is not None:
+                return [*records, Stretch(data, np.concatenate([np.array(starts), rest]))]
         opcode, length = FRAME.unpack_from(data, at)
         end = at + FRAME.size + length
         if end > size:
@@ -291,7 +265,7 @@ class ColumnReader(SessionReader):
         assert isinstance(self._scan, ChunkScan)
         count = self._count(channel, self._scan)
         decoder = self._decoders[channel.id]
-        wanted = choice.takes(channel.topic, count.type_name)
+        wanted = _is_wanted(channel.topic, count.type_name, choice)
         if decoder is None or not decoder.known or not wanted:
             count.messages += len(rows)
             return [], []
@@ -313,7 +287,7 @@ class ColumnReader(SessionReader):
             return
         channel = scan.channels[message.channel_id]
         count = self._count(channel, scan)
-        if not choice.takes(channel.topic, count.type_name):
+        if not _is_wanted(channel.topic, count.type_name, choice):
             count.messages += 1
             return
         for record in self._decode(message, scan):
@@ -322,6 +296,27 @@ class ColumnReader(SessionReader):
     def _block(self, columns: list[Columns], choice: Choice) -> Block:
         wanted = (choice.of(each) for each in columns)
         return Block(tuple(each for each in wanted if len(each)))
+
+
+class OpenSession:
+    """A session file that is read when it is gone through, and again as often as wanted."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._reader = ColumnReader(path)
+        self._is_read = False
+
+    def blocks(self, choice: Choice = ALL) -> Iterator[Block]:
+        """See :meth:`ColumnReader.blocks`; each call begins anew."""
+        reader = ColumnReader(self.path)
+        yield from reader.blocks(choice)
+        if not self._is_read or choice == ALL:  # what could not be decoded is known then
+            self._reader, self._is_read = reader, True
+
+    @property
+    def reader(self) -> ColumnReader:
+        """Metadata, attachments, counts and damage: of the last pass over everything."""
+        return self._reader
 
 
 @dataclass(frozen=True, slots=True)
@@ -374,6 +369,10 @@ def _by_channel(ids: NDArray[np.uint16]) -> list[tuple[int, Ints]]:
 def _signed(times: NDArray[np.uint64]) -> Ints:
     """Nanoseconds that fit; what lies behind the year 2262 is held as its last moment."""
     return np.minimum(times, np.uint64(LAST_NS)).astype(np.int64)
+
+
+def _is_wanted(topic: str, type_name: str, choice: Choice) -> bool:
+    return choice.takes(topic, KIND_OF_TYPE.get(type_name, OtherColumns))
 
 
 def _is_known(record: Schema | Channel, scan: ChunkScan) -> bool:
