@@ -33,7 +33,7 @@ from recorder.columns import (
     TransformColumns,
 )
 from recorder.errors import BadInput
-from recorder.geometry import SE2
+from recorder.geometry import IDENTITY, SE2
 from recorder.messages import HEAD_FRAME, Range, Scan, Transform
 
 WARM_UP_S = 2.0  # until then it is not known which sensors and which poses a live session has
@@ -378,26 +378,36 @@ def _world_from_sensor(
         # The tag turns with the head about the robot's centre: take the head's angle out again.
         zeros = np.zeros(len(pending))
         base = pose @ Motions(zeros, zeros, head.heading_rad).inverse()
-    mounted = Motions(*(np.zeros(len(pending)) for _ in range(3)))
-    for number in np.flatnonzero(np.bincount(pending.sensor)):
-        rows = np.flatnonzero(pending.sensor == number)
-        found, there = _mounted(table.sensors[number], frames, pending.t_ns[rows])
-        known[rows] &= there
-        mounted.x_m[rows] = found.x_m
-        mounted.y_m[rows] = found.y_m
-        mounted.heading_rad[rows] = found.heading_rad
+    mounted = _all_mounted(pending, table, frames, known)
     return base, base @ mounted, known
 
 
+def _all_mounted(
+    pending: Pending, table: _SensorTable, frames: Frames, known: NDArray[np.bool_]
+) -> Motions:
+    """``base_from_sensor`` of each reading, (N,); what is not known is taken out of ``known``."""
+    fixed = [frames.mount_of(sensor.name, sensor.mount) for sensor in table.sensors]
+    places = np.array([(m.x_m, m.y_m, m.heading_rad) for m in (f or IDENTITY for f in fixed)])
+    mounted = Motions(*places.T.copy()[:, pending.sensor])
+    for number, sensor in enumerate(table.sensors):
+        if fixed[number] is None:
+            rows = np.flatnonzero(pending.sensor == number)
+            found, there = _mounted(sensor, frames, pending.t_ns[rows])
+            known[rows] &= there
+            mounted.x_m[rows] = found.x_m
+            mounted.y_m[rows] = found.y_m
+            mounted.heading_rad[rows] = found.heading_rad
+    return mounted
+
+
 def _mounted(sensor: Sensor, frames: Frames, t_ns: Ints) -> tuple[Motions, NDArray[np.bool_]]:
-    """Where a sensor stands on the robot at times (N,), and at which of them that is known."""
+    """Where a sensor that moves stands on the robot at times (N,), and where that is known."""
     if sensor.mount is None:
         return frames.base_from(sensor.name, t_ns)
     parent = frames.parent_of(sensor.name)
-    if parent is not None and parent in frames.moving:
-        head, known = frames.base_from(parent, t_ns)
-        return head @ sensor.mount, known
-    return Motions.same(sensor.mount, len(t_ns)), np.ones(len(t_ns), np.bool_)
+    assert parent is not None
+    head, known = frames.base_from(parent, t_ns)
+    return head @ sensor.mount, known
 
 
 def first_readings(block: Block) -> dict[str, Range | Scan]:

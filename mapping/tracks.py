@@ -194,6 +194,24 @@ class Frames:
             return self.moving[frame][0]
         return self.static[frame].parent if frame in self.static else None
 
+    def mount_of(self, frame: str, asked: SE2 | None) -> SE2 | None:
+        """Where a sensor stands on the robot if it does not move: there, or as is ``asked``.
+
+        None where it moves, or nothing says where it is.
+        """
+        if asked is not None:
+            return None if self.parent_of(frame) in self.moving else asked
+        motion = IDENTITY
+        for _ in range(len(self.static) + 1):
+            if frame == BASE_FRAME:
+                return motion
+            if frame in self.moving or frame not in self.static:
+                return None
+            frame, motion = self.static[frame].parent, (
+                self.static[frame].parent_from_child @ motion
+            )
+        return None
+
     def base_from(self, frame: str, t_ns: Ints) -> tuple[Motions, NDArray[np.bool_]]:
         """Where a frame stands on the robot at times (N,), and at which of them that is known."""
         motion: Motions | SE2 = IDENTITY

@@ -1,4 +1,4 @@
-"""Where the fields of a ROS 2 message lie in its bytes, found once for many messages that are alike.
+"""Where the fields of a ROS 2 message lie in its bytes, found once for many that are alike.
 
 CDR has no fixed places: a string moves all that follows it. But the messages of one channel mostly
 have the same strings and the same lengths, so the places found in one of them hold for each whose
@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 import struct
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -114,18 +114,27 @@ class Layout:
             names.append(path)
             formats.append(given if count is None else (given, (count,)))
             offsets.append(offset)
-        for number, (offset, data) in enumerate(self.fixed):
-            names.append(f"fixed {number}")
-            formats.append(("u1", (len(data),)))
+        for number, (offset, _, kind) in enumerate(self._words()):
+            names.append(f"word {number}")
+            formats.append(kind)
             offsets.append(offset)
         return np.dtype({"names": names, "formats": formats, "offsets": offsets})
 
     def alike(self, found: NDArray[np.void]) -> NDArray[np.bool_]:
         """Which of the records of :meth:`dtype`, (N,), have the same fixed bytes, (N,)."""
         same = np.ones(len(found), np.bool_)
-        for number, (_, data) in enumerate(self.fixed):
-            same &= (found[f"fixed {number}"] == np.frombuffer(data, np.uint8)).all(axis=1)
+        for number, (_, word, _) in enumerate(self._words()):
+            same &= found[f"word {number}"] == word
         return same
+
+    def _words(self) -> Iterator[tuple[int, int, str]]:
+        """The fixed bytes as numbers of up to eight, which compare faster: offset, number, format."""
+        for offset, data in self.fixed:
+            at = 0
+            while at < len(data):
+                width = next(size for size in (8, 4, 2, 1) if size <= len(data) - at)
+                yield offset + at, int.from_bytes(data[at : at + width], "little"), f"<u{width}"
+                at += width
 
 
 def layout_of(definition: Definition, data: bytes) -> Layout | None:
