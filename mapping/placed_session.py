@@ -14,14 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mapping.config import MappingConfig, Sensor
-from mapping.placer import (
-    MotionGatherer,
-    Placement,
-    Placer,
-    first_readings,
-    fixed_track,
-    settled_sensors,
-)
+from mapping.motion_gathering import MotionGatherer, fixed_track
+from mapping.pending import first_readings
+from mapping.placer import Placement, Placer, settled_sensors
 from mapping.readings import Readings
 from mapping.tracks import MotionTrack
 from recorder.clock import NS_PER_S

@@ -113,7 +113,7 @@ class Readings:
         outermost = (corners[:, :2] <= low + _NEAR_M) | (corners[:, 2:] >= high - _NEAR_M)
         rows = np.flatnonzero(outermost.any(axis=1))
         rows = rows[np.unique(corners[rows], axis=0, return_index=True)[1]]
-        boxes = [self.beam(row).bounds_m(stretch[self.sensor[row]]) for row in rows]
+        boxes = [self.beam(row).bounds_m(stretch[self.sensor[row]]) for row in rows.tolist()]
         return np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
 
     def _corners_m(self, stretch: Floats) -> Floats:

@@ -207,8 +207,9 @@ class Frames:
                 return motion
             if frame in self.moving or frame not in self.static:
                 return None
-            frame, motion = self.static[frame].parent, (
-                self.static[frame].parent_from_child @ motion
+            frame, motion = (
+                self.static[frame].parent,
+                (self.static[frame].parent_from_child @ motion),
             )
         return None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Self, TypeVar
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +57,7 @@ class Columns:
         """The rows for which ``kept`` (N,) is true."""
         if kept.all():
             return self
-        chosen = {
+        chosen: dict[str, Any] = {
             field.name: value[kept]
             for field in fields(self)
             if isinstance(value := getattr(self, field.name), np.ndarray)

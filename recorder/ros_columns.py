@@ -1,4 +1,4 @@
-"""ROS 2 CDR → columns: the messages of one channel decoded together, to the same bits as one by one.
+"""ROS 2 CDR → columns: the messages of one channel decoded together, to the bits of one by one.
 
 What is decoded here is decoded as in :mod:`recorder.ros_types`, the twin of this module; a message
 whose bytes are laid out otherwise than those of the others is left to it.
@@ -213,12 +213,15 @@ def _range_paths(layout: Layout) -> dict[str, str]:
 
 def _read_ranges(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]) -> list[Columns]:
     sensor = _sensor_name(topic, layout.texts["header.frame_id"])
-    limits = [_mostly_one(found[name], rounded) for name in
-              ("field_of_view", "min_range", "max_range")]  # fmt: skip
+    limits = ("field_of_view", "min_range", "max_range")
+    width_rad, min_m, max_m = (_mostly_one(found[name], rounded) for name in limits)
     radiation = np.minimum(found["radiation_type"], 1).astype(np.int64)
-    range_m = rounded(found["range"])
-    t_ns = _t_ns(found, "header")
-    return [RangeColumns(topic, rows.row, rows.log_ns, t_ns, sensor, range_m, *limits, radiation)]
+    range_m, t_ns = rounded(found["range"]), _t_ns(found, "header")
+    return [
+        RangeColumns(
+            topic, rows.row, rows.log_ns, t_ns, sensor, range_m, width_rad, min_m, max_m, radiation
+        )
+    ]
 
 
 def _scan_paths(layout: Layout) -> dict[str, str]:

@@ -128,7 +128,7 @@ class Layout:
         return same
 
     def _words(self) -> Iterator[tuple[int, int, str]]:
-        """The fixed bytes as numbers of up to eight, which compare faster: offset, number, format."""
+        """The fixed bytes as (offset, number, format) of up to eight each, which compare faster."""
         for offset, data in self.fixed:
             at = 0
             while at < len(data):

@@ -15,144 +15,27 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
-from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, Chunk, McapRecord, Metadata, Schema
+from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import get_chunk_data_stream
 from numpy.typing import NDArray
 
 from recorder.columns import ALL, LAST_NS, Block, Choice, Columns, Ints, OtherColumns, columns_of
 from recorder.errors import BadInput
 from recorder.messages import Record
 from recorder.ros_columns import KIND_OF_TYPE, ChannelColumns, Rows, gathered
-from recorder.session_format import UNREADABLE
-from recorder.session_frames import FRAME, PARSERS, Frame, Senseless, chunk_size, parsed
+from recorder.session_chunks import FIXED_BYTES, ChunkScan, Stretch
+from recorder.session_frames import FRAME
 from recorder.session_reader import SessionReader
-from recorder.session_scan import SessionScan
 
 _BATCH_BYTES = 1 << 18  # small chunks are decoded together: arrays of a few rows cost too much
 _LOOSE_RECORDS = 1000
-_FIXED_BYTES = 22  # of a message, before its data
-_FEW = 64  # so many messages are walked one by one as fast as together
 _HEAD = np.dtype(
     {
         "names": ["length", "channel", "sequence", "log", "publish"],
         "formats": ["<u8", "<u2", "<u4", "<u8", "<u8"],
         "offsets": [1, 9, 11, 15, 23],
-        "itemsize": FRAME.size + _FIXED_BYTES,
+        "itemsize": FRAME.size + FIXED_BYTES,
     }
-)
-
-
-@dataclass(slots=True)
-class Stretch(McapRecord):
-    """Messages as they lie behind each other in a chunk; ``starts`` (N,) of their frames."""
-
-    data: bytes
-    starts: Ints
-
-
-class ChunkScan(SessionScan):
-    """A walk over a file that leaves the messages of its good chunks together."""
-
-    def everything(self) -> Iterator[McapRecord]:
-        """All records as they come: Stretch, and what :meth:`records` takes."""
-        yield from self._walk()
-
-    def count(self, channel_id: int, sequence: Ints) -> None:
-        """Count messages of a channel that is known; ``sequence`` (N,) are their numbers."""
-        self.counts[channel_id] += len(sequence)
-        if self.ours:
-            last = self._last_number.get(channel_id, 0)
-            steps = np.diff(sequence, prepend=last) - 1
-            self._missing[channel_id] += int(np.maximum(steps, 0).sum())
-            self._last_number[channel_id] = int(sequence[-1])
-
-    def count_one(self, message: McapMessage) -> bool:
-        """Count a message whose channel may be unknown: whether it may be taken."""
-        return self._count(message)
-
-    def end(self) -> None:
-        """Note what is missing, once all has been counted."""
-        self._say_what_is_missing()
-
-    def _unpack_chunk(self, chunk: Chunk, frame: Frame) -> Iterator[McapRecord]:
-        found: list[McapRecord] | None = None
-        if chunk_size(chunk) == len(frame.content):
-            try:
-                stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-                found = taken_apart(stream.read(size))
-            except (Senseless, *UNREADABLE):
-                pass  # what it is, is found again and noted below
-        if found is None:
-            yield from super()._unpack_chunk(chunk, frame)
-            return
-        self._sure = frame.end
-        if chunk.uncompressed_crc == 0:
-            self.unverified += sum(len(s.starts) for s in found if isinstance(s, Stretch))
-        yield from found
-
-
-def taken_apart(data: bytes) -> list[McapRecord] | None:
-    """The definitions and stretches of messages in a chunk, in their order.
-
-    None, or Senseless or what the library raises, where it is not quite as it should be.
-    """
-    records: list[McapRecord] = []
-    starts: list[int] = []
-    at, size = 0, len(data)
-    while at < size:
-        if len(starts) == _FEW:  # definitions mostly come before the first messages
-            rest = message_starts(data, at)
-            if rest is not None:
-                return [*records, Stretch(data, np.concatenate([np.array(starts), rest]))]
-        opcode, length = FRAME.unpack_from(data, at)
-        end = at + FRAME.size + length
-        if end > size:
-            return None
-        if opcode == Opcode.MESSAGE:
-            if length < _FIXED_BYTES:
-                return None
-            starts.append(at)
-        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-            if starts:
-                records.append(Stretch(data, np.array(starts, np.int64)))
-                starts = []
-            records.append(parsed(PARSERS[opcode], data[at + FRAME.size : end], True))
-        at = end
-    if starts:
-        records.append(Stretch(data, np.array(starts, np.int64)))
-    return records
-
-
-def message_starts(data: bytes, first: int) -> Ints | None:
-    """Where messages begin that fill ``data`` from ``first`` on, (N,); None where others are among
-    them.
-
-    Each byte that could begin one is looked at; those that do are a chain without a gap, in which
-    each ends where the next one begins.
-    """
-    size = len(data)
-    values = np.frombuffer(data, np.uint8, size - first - FRAME.size + 1, first)
-    at = np.flatnonzero(values == Opcode.MESSAGE) + first
-    length = gathered(data, at, _LENGTH)["length"]
-    likely = (length >= _FIXED_BYTES) & (length <= size)
-    at = at[likely]
-    end = at + FRAME.size + length[likely].astype(np.int64)
-    for _ in range(4):  # a chance hit is seldom the end of another one
-        if len(at) and at[0] == first and end[-1] == size and np.array_equal(end[:-1], at[1:]):
-            return at
-        at, end = at[end <= size], end[end <= size]
-        reached = np.zeros(size + 1, np.bool_)
-        reached[first] = True
-        reached[end] = True
-        kept = reached[at]
-        at, end = at[kept], end[kept]
-    return None
-
-
-_LENGTH = np.dtype(
-    {"names": ["length"], "formats": ["<u8"], "offsets": [1], "itemsize": FRAME.size}
 )
 
 
@@ -195,21 +78,23 @@ class ColumnReader(SessionReader):
 
     def _batches(self, scan: ChunkScan, choice: Choice) -> Iterator[Block]:
         pending: list[Stretch] = []
+        size = 0
         loose: list[tuple[int, Record]] = []
         for record in scan.everything():
             changes = isinstance(record, Schema | Channel) and not _is_known(record, scan)
             if pending and (changes or isinstance(record, McapMessage)):
                 yield self._decoded(pending, scan, choice)
-                pending = []
+                pending, size = [], 0
             if loose and (isinstance(record, Stretch) or len(loose) >= _LOOSE_RECORDS):
                 yield self._block(columns_of(loose), choice)
                 loose = []
             match record:
                 case Stretch():
                     pending.append(record)
-                    if self._is_due(pending, scan):
+                    size += len(record.data)
+                    if size >= _BATCH_BYTES or self._may_note_damage(scan):
                         yield self._decoded(pending, scan, choice)
-                        pending = []
+                        pending, size = [], 0
                 case Schema():
                     scan.schemas[record.id] = record
                 case Channel():
@@ -225,14 +110,12 @@ class ColumnReader(SessionReader):
         if loose:
             yield self._block(columns_of(loose), choice)
 
-    def _is_due(self, pending: list[Stretch], scan: ChunkScan) -> bool:
-        """Whether to decode now. What may be noted as damage is, in its order: nothing waits then.
+    def _may_note_damage(self, scan: ChunkScan) -> bool:
+        """Whether messages may not wait to be decoded: damage is noted in its order.
 
         So it is while there are channels of which no message has come yet.
         """
-        if self._damage or not scan.channels.keys() <= self.channels.keys():
-            return True
-        return sum(len(stretch.data) for stretch in pending) >= _BATCH_BYTES
+        return bool(self._damage) or not scan.channels.keys() <= self.channels.keys()
 
     def _decoded(self, pending: list[Stretch], scan: ChunkScan, choice: Choice) -> Block:
         batch = _Batch.of(pending, self._rows)
