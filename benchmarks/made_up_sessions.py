@@ -162,7 +162,7 @@ def _to_wall_m(
 ) -> NDArray[np.float64]:
     """How far the walls are straight ahead, (N,)."""
     c, s = np.cos(heading_rad), np.sin(heading_rad)
-    with np.errstate(divide="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore"):
         across = (np.sign(c) * HALF_ROOM_M - x_m) / c
         up = (np.sign(s) * HALF_ROOM_M - y_m) / s
     return np.minimum(np.where(c == 0, np.inf, across), np.where(s == 0, np.inf, up))

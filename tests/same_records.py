@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from recorder.errors import BadInput
-from recorder.messages import Record
+from recorder.messages import Message, Record
 from recorder.session import SessionReader
 from recorder.session_columns import ColumnReader
 
@@ -21,13 +21,13 @@ def exactly(value: object) -> object:
     return repr(value)
 
 
+def _values(message: Message) -> list[object]:
+    return [exactly(getattr(message, field.name)) for field in fields(message)]
+
+
 def plain(records: Iterable[Record]) -> list[tuple[object, ...]]:
     """Records that compare to the bit, arrays included."""
-    return [
-        (r.topic, r.log_ns, type(r.message).__name__)
-        + tuple(exactly(getattr(r.message, field.name)) for field in fields(r.message))
-        for r in records
-    ]
+    return [(r.topic, r.log_ns, type(r.message).__name__, *_values(r.message)) for r in records]
 
 
 def everything(reader: SessionReader) -> dict[str, object]:
@@ -41,7 +41,9 @@ def everything(reader: SessionReader) -> dict[str, object]:
             records += reader.records()
     except BadInput as error:
         refused = str(error)
-    counts = [(i, c.topic, c.type_name, c.messages, c.understood) for i, c in reader.channels.items()]
+    counts = [
+        (i, c.topic, c.type_name, c.messages, c.understood) for i, c in reader.channels.items()
+    ]
     return {
         "records": [] if refused else plain(records),
         "refused": refused,

@@ -193,9 +193,7 @@ def ours(*messages: Message) -> list[tuple[str, str, bytes, bytes]]:
 @pytest.mark.parametrize("compression", list(CompressionType))
 @pytest.mark.parametrize("chunks", [True, False])
 @pytest.mark.parametrize("crcs", [True, False])
-def test_containers(
-    tmp_path: Path, compression: CompressionType, chunks: bool, crcs: bool
-) -> None:
+def test_containers(tmp_path: Path, compression: CompressionType, chunks: bool, crcs: bool) -> None:
     messages = ours(*of_all_kinds(20))
     path = written_by_others(
         tmp_path / "s.mcap", messages, compression=compression, chunks=chunks, crcs=crcs
@@ -304,7 +302,9 @@ def test_several_transforms_in_one_message(tmp_path: Path) -> None:
             }
             for n in range(i % 4)
         ]
-        messages.append(("/tf", name, DEFINITIONS[name].encode(), encoder({"transforms": transforms})))
+        messages.append(
+            ("/tf", name, DEFINITIONS[name].encode(), encoder({"transforms": transforms}))
+        )
     found = assert_same_either_way(written_by_others(tmp_path / "s.mcap", messages))
     assert len(found["records"]) == 60  # type: ignore[arg-type]
 
@@ -354,7 +354,9 @@ def test_no_float_near_the_middle_of_two_is_rounded_otherwise() -> None:
     """Those that lie within a few units in the last place of k + 0.5 times 1e-7."""
     middle = (np.arange(1, 400_000, 7) + 0.5) * 1e-7
     near = middle.astype(np.float32)
-    values = np.concatenate([near, np.nextafter(near, np.float32(1)), np.nextafter(near, np.float32(0))])
+    values = np.concatenate(
+        [near, np.nextafter(near, np.float32(1)), np.nextafter(near, np.float32(0))]
+    )
     assert rounded(values).tolist() == [round(float(value), 7) for value in values]
 
 
@@ -372,11 +374,10 @@ def walked(data: bytes, first: int) -> list[int] | None:
     return starts
 
 
+LIKE_FRAMES = st.sampled_from([b"\0", b"\5", b"\x16", b"\x1f", b"\5\x16\0\0\0\0\0\0\0"])
 PIECES = st.lists(
-    st.lists(st.sampled_from([b"\0", b"\5", b"\x16", b"\x1f", b"\5\x16\0\0\0\0\0\0\0"]), min_size=22,
-             max_size=60).map(b"".join),
-    min_size=1, max_size=40,
-)  # fmt: skip
+    st.lists(LIKE_FRAMES, min_size=22, max_size=60).map(b"".join), min_size=1, max_size=40
+)
 
 
 @settings(deadline=None, max_examples=300)
