@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -60,15 +61,13 @@ class MotionGatherer:
 
     def _take_static(self, columns: Sequence[TransformColumns]) -> None:
         """The last one of a frame counts."""
-        found = [
-            (int(row), each.message(at)) for each in columns for at, row in enumerate(each.row)
-        ]
-        for _, mount in sorted(found, key=lambda pair: pair[0]):
+        found = [zip(each.row.tolist(), each.messages(), strict=True) for each in columns]
+        for _, mount in sorted(chain.from_iterable(found), key=lambda pair: pair[0]):
             if is_sane(mount.parent_from_child):
                 self.static[mount.child] = mount
 
     def _take_moving(self, child: str, columns: Sequence[TransformColumns]) -> None:
-        sane = [kept for each in columns if len(kept := each.where(Motions.of(each).sane()))]
+        sane = [kept for each in columns if len(kept := each[Motions.of(each).sane()])]
         if not sane:
             return
         t_ns, motions, _ = in_order(sane)

@@ -161,5 +161,5 @@ def first_readings(block: Block) -> dict[str, Range | Scan]:
     found: dict[str, Range | Scan] = {}
     for each in columns:
         if each.sensor not in found:
-            found[each.sensor] = each.message(0)
+            found[each.sensor] = each[:1].messages()[0]
     return found

@@ -183,7 +183,7 @@ class _Knowledge:
         if isinstance(columns, PoseColumns):
             self._counts["odometry" if columns.by_odometry else "pose"] += len(columns)
         elif isinstance(columns, OtherColumns):
-            self._counts.update(type(message).__name__.lower() for message in columns.messages)
+            self._counts.update(type(message).__name__.lower() for message in columns.objects)
         else:
             name = next(name for kind, name in _NAMES if isinstance(columns, kind))
             self._counts[name] += len(columns)

@@ -118,19 +118,36 @@ class Readings:
 
     def _corners_m(self, stretch: Floats) -> Floats:
         """The box of each reading (N, 4): low x and y, high x and y, but for rounding."""
-        reach_m = np.array([sensor.max_range_m for sensor in self.sensors])[self.sensor]
         half_rad = np.array([sensor.beam_width_rad for sensor in self.sensors])[self.sensor] / 2.0
-        finite = np.where(np.isfinite(self.ranges_m), self.ranges_m, self.axes_of(reach_m))
-        begins = self.begins[:-1]
-        reach_m = np.maximum.reduceat(finite, begins) * stretch[self.sensor]
-        start = self.world_from_sensor
-        low_rad = start.heading_rad + np.minimum.reduceat(self.bearings_rad, begins) - half_rad
-        high_rad = start.heading_rad + np.maximum.reduceat(self.bearings_rad, begins) + half_rad
-        first = np.ceil((low_rad - _NEAR_M) / (math.pi / 2))
-        along = (first[:, None] + np.arange(4)) * (math.pi / 2)
-        crossed = along <= high_rad[:, None] + _NEAR_M
-        edges = np.column_stack([low_rad, high_rad, np.where(crossed, along, low_rad[:, None])])
-        x = np.column_stack([np.zeros(len(self)), reach_m[:, None] * np.cos(edges)])
-        y = np.column_stack([np.zeros(len(self)), reach_m[:, None] * np.sin(edges)])
-        x, y = x + start.x_m[:, None], y + start.y_m[:, None]
-        return np.column_stack([x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)])
+        limit_m = np.array([sensor.max_range_m for sensor in self.sensors])[self.sensor]
+        single = len(self.ranges_m) == len(self)  # no scan among them
+        far_m = np.where(
+            np.isfinite(self.ranges_m), self.ranges_m, limit_m if single else self.axes_of(limit_m)
+        )
+        lowest_rad = highest_rad = self.bearings_rad
+        if not single:
+            begins = self.begins[:-1]
+            far_m = np.maximum.reduceat(far_m, begins)
+            lowest_rad = np.minimum.reduceat(self.bearings_rad, begins)
+            highest_rad = np.maximum.reduceat(self.bearings_rad, begins)
+        reach_m, start = far_m * stretch[self.sensor], self.world_from_sensor
+        low_rad = start.heading_rad + (lowest_rad - half_rad)
+        high_rad = start.heading_rad + (highest_rad + half_rad)
+        columns = []
+        for sign, function, turn in (
+            (np.minimum, np.cos, 0.5), (np.minimum, np.sin, 0.75),
+            (np.maximum, np.cos, 0.0), (np.maximum, np.sin, 0.25),
+        ):  # fmt: skip
+            edge = sign(sign(function(low_rad), function(high_rad)), 0.0)
+            crossed = _crosses(low_rad, high_rad, turn * 2.0 * math.pi)
+            edge[crossed] = -1.0 if sign is np.minimum else 1.0
+            columns.append(reach_m * edge + (start.x_m if function is np.cos else start.y_m))
+        return np.column_stack(columns)
+
+
+def _crosses(low_rad: Floats, high_rad: Floats, direction_rad: float) -> NDArray[np.bool_]:
+    """Between which angles (N,) a direction lies, any number of turns on."""
+    turns = 1.0 / (2.0 * math.pi)
+    first = np.ceil((low_rad - direction_rad) * turns - _NEAR_M)
+    crosses: NDArray[np.bool_] = first <= (high_rad - direction_rad) * turns + _NEAR_M
+    return crosses

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import islice
 from typing import Any, Self, TypeVar
 
 import numpy as np
@@ -30,6 +31,7 @@ from recorder.messages import (
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 T = TypeVar("T")
+_RADIATIONS = {int(each): each for each in Radiation}
 LAST_NS = (1 << 63) - 1  # in the year 2262: no later time has room in a column
 
 
@@ -45,18 +47,21 @@ class Columns:
     def __len__(self) -> int:
         return len(self.t_ns)
 
-    def message(self, at: int) -> Message:
-        """The message of one row."""
+    def messages(self) -> Sequence[Message]:
+        """The message of each row."""
         raise NotImplementedError
 
-    def record(self, at: int) -> Record:
-        """The message of one row as it stands in the session."""
-        return Record(self.topic, int(self.log_ns[at]), self.message(at))
+    def message(self, at: int) -> Message:
+        """The message of one row."""
+        return self[at : at + 1].messages()[0]
 
-    def where(self, kept: NDArray[np.bool_]) -> Self:
-        """The rows for which ``kept`` (N,) is true."""
-        if kept.all():
-            return self
+    def records(self) -> list[Record]:
+        """The message of each row as it stands in the session."""
+        rows = zip(self.log_ns.tolist(), self.messages(), strict=True)
+        return [Record(self.topic, log_ns, message) for log_ns, message in rows]
+
+    def __getitem__(self, kept: NDArray[np.bool_] | slice) -> Self:
+        """Some of the rows."""
         chosen: dict[str, Any] = {
             field.name: value[kept]
             for field in fields(self)
@@ -79,9 +84,10 @@ class MotionColumns(Columns):
     y_m: Floats
     heading_rad: Floats
 
-    def motion(self, at: int) -> SE2:
-        """The motion of one row."""
-        return SE2(float(self.x_m[at]), float(self.y_m[at]), float(self.heading_rad[at]))
+    def motions(self) -> Iterator[SE2]:
+        """The motion of each row."""
+        values = (self.x_m.tolist(), self.y_m.tolist(), self.heading_rad.tolist())
+        return (SE2(x_m, y_m, heading_rad) for x_m, y_m, heading_rad in zip(*values, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,10 +96,10 @@ class PoseColumns(MotionColumns):
 
     by_odometry: bool
 
-    def message(self, at: int) -> Pose | Odometry:
-        """The message of one row."""
+    def messages(self) -> list[Message]:
+        """The message of each row."""
         kind = Odometry if self.by_odometry else Pose
-        return kind(int(self.t_ns[at]), self.motion(at))
+        return list(map(kind, self.t_ns.tolist(), self.motions()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,9 +110,10 @@ class TransformColumns(MotionColumns):
     child: str
     static: bool
 
-    def message(self, at: int) -> Transform:
-        """The message of one row."""
-        return Transform(int(self.t_ns[at]), self.parent, self.child, self.motion(at), self.static)
+    def messages(self) -> list[Transform]:
+        """The message of each row."""
+        rows = zip(self.t_ns.tolist(), self.motions(), strict=True)
+        return [Transform(t, self.parent, self.child, motion, self.static) for t, motion in rows]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,13 +127,14 @@ class RangeColumns(Columns):
     max_range_m: Floats
     radiation: Ints
 
-    def message(self, at: int) -> Range:
-        """The message of one row."""
-        return Range(
-            int(self.t_ns[at]), self.sensor, float(self.range_m[at]),
-            float(self.beam_width_rad[at]), float(self.min_range_m[at]),
-            float(self.max_range_m[at]), Radiation(int(self.radiation[at])),
-        )  # fmt: skip
+    def messages(self) -> list[Range]:
+        """The message of each row."""
+        values = (self.range_m, self.beam_width_rad, self.min_range_m, self.max_range_m)
+        rows = zip(*(each.tolist() for each in (self.t_ns, *values, self.radiation)), strict=True)
+        return [
+            Range(t_ns, self.sensor, range_m, width_rad, min_m, max_m, _RADIATIONS[radiation])
+            for t_ns, range_m, width_rad, min_m, max_m, radiation in rows
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,15 +148,16 @@ class ScanColumns(Columns):
     min_range_m: Floats
     max_range_m: Floats
 
-    def message(self, at: int) -> Scan:
-        """The message of one row."""
-        ranges_m = self.ranges_m[at].copy()
+    def messages(self) -> list[Scan]:
+        """The message of each row; its ranges are a view."""
+        values = (self.angle_min_rad, self.angle_increment_rad, self.min_range_m, self.max_range_m)
+        rows = zip(*(each.tolist() for each in (self.t_ns, *values)), strict=True)
+        ranges_m = self.ranges_m.view()
         ranges_m.flags.writeable = False
-        return Scan(
-            int(self.t_ns[at]), self.sensor, ranges_m, float(self.angle_min_rad[at]),
-            float(self.angle_increment_rad[at]), float(self.min_range_m[at]),
-            float(self.max_range_m[at]),
-        )  # fmt: skip
+        return [
+            Scan(t_ns, self.sensor, ranges, *limits)
+            for ranges, (t_ns, *limits) in zip(ranges_m, rows, strict=True)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,21 +168,21 @@ class RawColumns(Columns):
     starts: Ints
     ends: Ints
 
-    def message(self, at: int) -> RawLine:
-        """The message of one row."""
-        return RawLine(int(self.t_ns[at]), self.data[self.starts[at] : self.ends[at]].decode())
+    def messages(self) -> list[Message]:
+        """The message of each row."""
+        rows = zip(self.t_ns.tolist(), self.starts.tolist(), self.ends.tolist(), strict=True)
+        return [RawLine(t_ns, self.data[start:end].decode()) for t_ns, start, end in rows]
 
 
 @dataclass(frozen=True, slots=True)
 class OtherColumns(Columns):
-    """Messages of a kind that comes seldom, as they are: ``messages`` (N,) of objects."""
+    """Messages of a kind that comes seldom, as they are: ``objects`` (N,)."""
 
-    messages: NDArray[np.object_]
+    objects: NDArray[np.object_]
 
-    def message(self, at: int) -> Message:
-        """The message of one row."""
-        found: Message = self.messages[at]
-        return found
+    def messages(self) -> list[Message]:
+        """The message of each row."""
+        return list(self.objects)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,12 +193,9 @@ class Block:
 
     def records(self) -> Iterator[Record]:
         """The messages of all columns in the order of the session."""
-        counts = [len(each) for each in self.columns]
+        records = [record for each in self.columns for record in each.records()]
         rows = np.concatenate([np.zeros(0, np.int64), *(each.row for each in self.columns)])
-        owner = np.repeat(np.arange(len(counts)), counts)
-        place = np.concatenate([np.zeros(0, np.int64), *(np.arange(n) for n in counts)])
-        for at in np.argsort(rows, kind="stable"):
-            yield self.columns[owner[at]].record(int(place[at]))
+        return (records[at] for at in np.argsort(rows, kind="stable").tolist())
 
     def of(self, kind: type[T]) -> tuple[T, ...]:
         """The columns of one kind."""
@@ -220,7 +226,7 @@ class Choice:
         if self.t_ns is None:
             return columns
         first_ns, end_ns = self.t_ns
-        return columns.where((columns.t_ns >= first_ns) & (columns.t_ns < end_ns))
+        return columns[(columns.t_ns >= first_ns) & (columns.t_ns < end_ns)]
 
 
 ALL = Choice()
@@ -238,6 +244,14 @@ def block_of(records: Iterable[Record], first_row: int = 0) -> Block:
     """Single messages as columns: those of one source together, numbered from ``first_row`` on."""
     rows = enumerate(records, first_row)
     return Block(tuple(columns_of((row, record) for row, record in rows)))
+
+
+def blocks_of(records: Iterable[Record], size: int = 1000) -> Iterator[Block]:
+    """Any messages as blocks of at most so many."""
+    rest, first_row = iter(records), 0
+    while part := list(islice(rest, size)):
+        yield block_of(part, first_row)
+        first_row += len(part)
 
 
 def columns_of(records: Iterable[tuple[int, Record]]) -> list[Columns]:
