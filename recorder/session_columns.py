@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import BinaryIO
 
@@ -182,24 +183,26 @@ class ColumnReader(SessionReader):
 
 
 class OpenSession:
-    """A session file that is read when it is gone through, and again as often as wanted."""
+    """A session file that is read when it is gone through, and again as often as wanted.
+
+    ``reader`` is that of the last pass over everything, from its begin on: how far it is, and in
+    the end metadata, attachments, counts and damage.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._reader = ColumnReader(path)
-        self._is_read = False
+        self.reader = ColumnReader(path)
 
     def blocks(self, choice: Choice = ALL) -> Iterator[Block]:
         """See :meth:`ColumnReader.blocks`; each call begins anew."""
         reader = ColumnReader(self.path)
-        yield from reader.blocks(choice)
-        if not self._is_read or choice == ALL:  # what could not be decoded is known then
-            self._reader, self._is_read = reader, True
+        if choice == ALL:
+            self.reader = reader
+        return reader.blocks(choice)
 
-    @property
-    def reader(self) -> ColumnReader:
-        """Metadata, attachments, counts and damage: of the last pass over everything."""
-        return self._reader
+    def records(self, choice: Choice = ALL) -> Iterator[Record]:
+        """The messages one by one, for who wants them so."""
+        return chain.from_iterable(block.records() for block in self.blocks(choice))
 
 
 @dataclass(frozen=True, slots=True)

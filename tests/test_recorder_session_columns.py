@@ -314,7 +314,7 @@ def test_several_transforms_in_one_message(tmp_path: Path) -> None:
 
 def test_again_and_only_what_is_wanted(tmp_path: Path) -> None:
     session = OpenSession(write(tmp_path / "s.mcap", 30))
-    everything = [record for block in session.blocks() for record in block.records()]
+    everything = list(session.records())
     assert plain(r for b in session.blocks() for r in b.records()) == plain(everything)
     first_ns, end_ns = T_NS + 3 * 50_000_000, T_NS + 9 * 50_000_000
     choice = Choice(kinds=(RangeColumns, PoseColumns), t_ns=(first_ns, end_ns))
