@@ -106,7 +106,7 @@ class LiveMotion:
         self.bad_poses = 0
 
     def take(self, block: Block) -> None:
-        """Sort in what a block tells of poses and frames."""
+        """Sort in the poses and frames of a block."""
         if not block.columns:
             return
         if self._first_ns is None:

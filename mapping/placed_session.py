@@ -150,7 +150,7 @@ class _Knowledge:
         self.kept: list[Block] | None = []
 
     def take(self, block: Block) -> None:
-        """Note what a block tells, and keep its readings while there is room."""
+        """Note what a block holds, and keep its readings while there is room."""
         self._motion.take(block)
         for name, reading in first_readings(block).items():
             self._first.setdefault(name, reading)

@@ -189,7 +189,7 @@ class Frames:
     moving: Mapping[str, tuple[str, MotionTrack]]
 
     def parent_of(self, frame: str) -> str | None:
-        """The frame that another one is fixed to or turns on; None where nothing says."""
+        """The frame that another one is fixed to or turns on; None where that is not known."""
         if frame in self.moving:
             return self.moving[frame][0]
         return self.static[frame].parent if frame in self.static else None
@@ -197,7 +197,7 @@ class Frames:
     def mount_of(self, frame: str, asked: SE2 | None) -> SE2 | None:
         """Where a sensor stands on the robot if it does not move: there, or as is ``asked``.
 
-        None where it moves, or nothing says where it is.
+        None where it moves, or where that is not known.
         """
         if asked is not None:
             return None if self.parent_of(frame) in self.moving else asked

@@ -221,12 +221,13 @@ class Choice:
             self.kinds is None or issubclass(kind, self.kinds)
         )
 
-    def of(self, columns: Columns) -> Columns:
-        """The rows of the times that are wanted."""
-        if self.t_ns is None:
-            return columns
-        first_ns, end_ns = self.t_ns
-        return columns[(columns.t_ns >= first_ns) & (columns.t_ns < end_ns)]
+    def of(self, block: Block) -> Block:
+        """What of a block is wanted."""
+        kept = (each for each in block.columns if self.takes(each.topic, type(each)))
+        if self.t_ns is not None:
+            first_ns, end_ns = self.t_ns
+            kept = (each[(each.t_ns >= first_ns) & (each.t_ns < end_ns)] for each in kept)
+        return Block(tuple(each for each in kept if len(each)))
 
 
 ALL = Choice()

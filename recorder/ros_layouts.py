@@ -33,7 +33,7 @@ _MOST_ELEMENTS = 1 << 20
 class _Field:
     name: str
     type_name: str
-    count: int | None  # None: one; -1: as many as a length before them says
+    count: int | None  # None: one; -1: as many as the length before them
     parts: tuple[_Field, ...] = ()  # of a message within the message
 
 
@@ -138,7 +138,7 @@ class Layout:
 
 
 def layout_of(definition: Definition, data: bytes) -> Layout | None:
-    """The layout of one message; None where it does not hold what its definition says."""
+    """The layout of one message; None where it does not hold what is defined."""
     if len(data) < _HEAD_BYTES or not data[1] & 1:  # big-endian
         return None
     layout = Layout(fixed=[(1, data[1:2])])

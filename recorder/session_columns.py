@@ -9,7 +9,7 @@ Whatever is out of the ordinary goes, message by message, the way of
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -20,10 +20,21 @@ from mcap.records import Attachment, Channel, Metadata, Schema
 from mcap.records import Message as McapMessage
 from numpy.typing import NDArray
 
-from recorder.columns import ALL, LAST_NS, Block, Choice, Columns, Ints, OtherColumns, columns_of
+from recorder.columns import (
+    ALL,
+    LAST_NS,
+    Block,
+    Choice,
+    Columns,
+    Ints,
+    OtherColumns,
+    blocks_of,
+    columns_of,
+)
 from recorder.errors import BadInput
 from recorder.messages import Record
 from recorder.ros_columns import KIND_OF_TYPE, ChannelColumns, Rows, gathered
+from recorder.session import Session, read_session
 from recorder.session_chunks import FIXED_BYTES, ChunkScan, Stretch
 from recorder.session_frames import FRAME
 from recorder.session_reader import SessionReader
@@ -87,7 +98,7 @@ class ColumnReader(SessionReader):
                 yield self._decoded(pending, scan, choice)
                 pending, size = [], 0
             if loose and (isinstance(record, Stretch) or len(loose) >= _LOOSE_RECORDS):
-                yield self._block(columns_of(loose), choice)
+                yield choice.of(Block(tuple(columns_of(loose))))
                 loose = []
             match record:
                 case Stretch():
@@ -109,7 +120,7 @@ class ColumnReader(SessionReader):
         if pending:
             yield self._decoded(pending, scan, choice)
         if loose:
-            yield self._block(columns_of(loose), choice)
+            yield choice.of(Block(tuple(columns_of(loose))))
 
     def _may_note_damage(self, scan: ChunkScan) -> bool:
         """Whether messages may not wait to be decoded: damage is noted in its order.
@@ -137,7 +148,7 @@ class ColumnReader(SessionReader):
         for row in sorted(left):
             message = batch.message(row - batch.first_row)
             loose += ((row, record) for record in self._decode(message, scan))
-        return self._block([*columns, *columns_of(loose)], choice)
+        return choice.of(Block((*columns, *columns_of(loose))))
 
     def _in_bulk(
         self, rows: Rows, channel: Channel, choice: Choice
@@ -177,10 +188,6 @@ class ColumnReader(SessionReader):
         for record in self._decode(message, scan):
             yield row, record
 
-    def _block(self, columns: list[Columns], choice: Choice) -> Block:
-        wanted = (choice.of(each) for each in columns)
-        return Block(tuple(each for each in wanted if len(each)))
-
 
 class OpenSession:
     """A session file that is read when it is gone through, and again as often as wanted.
@@ -203,6 +210,43 @@ class OpenSession:
     def records(self, choice: Choice = ALL) -> Iterator[Record]:
         """The messages one by one, for who wants them so."""
         return chain.from_iterable(block.records() for block in self.blocks(choice))
+
+    @property
+    def metadata(self) -> Mapping[str, object]:
+        """What was noted of the recording."""
+        return self.reader.metadata
+
+    @property
+    def attachments(self) -> Mapping[str, bytes]:
+        """The files that came with it, by name."""
+        return self.reader.attachments
+
+    @property
+    def damage(self) -> tuple[str, ...]:
+        """What was lost, one line a reason."""
+        return self.reader.damage
+
+
+class KeptSession:
+    """Several files as one session, which has to be kept: gone through as an OpenSession is."""
+
+    def __init__(self, session: Session) -> None:
+        self.path, self.metadata = session.path, session.metadata
+        self.attachments, self.damage = session.attachments, session.damage
+        self._records = session.records
+
+    def blocks(self, choice: Choice = ALL) -> Iterator[Block]:
+        """See :meth:`OpenSession.blocks`."""
+        return map(choice.of, blocks_of(self._records))
+
+    def records(self, choice: Choice = ALL) -> Iterator[Record]:
+        """The messages one by one."""
+        return chain.from_iterable(block.records() for block in self.blocks(choice))
+
+
+def open_session(path: Path, *more: Path) -> OpenSession | KeptSession:
+    """A session of one file, read when it is gone through; or of several, which are read now."""
+    return KeptSession(read_session(path, *more)) if more else OpenSession(path)
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,13 +7,16 @@ import random
 import struct
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import CompressionType, Writer
+from mcap_ros2._dynamic import serialize_dynamic
 
+from recorder import ros_types
 from recorder.columns import (
     Block,
     Choice,
@@ -42,9 +45,9 @@ from recorder.ros_columns import rounded
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_layouts import parse_definition
 from recorder.ros_types import encode, type_name
-from recorder.session import SessionWriter
+from recorder.session import SessionWriter, read_session
 from recorder.session_chunks import message_starts, taken_apart
-from recorder.session_columns import ColumnReader, OpenSession
+from recorder.session_columns import ColumnReader, OpenSession, open_session
 from recorder.simulator.robot import simulate
 from recorder.simulator.rooms import load_room
 from tests.same_records import assert_same_either_way, plain
@@ -285,8 +288,6 @@ def test_messages_that_are_not_what_they_say(
 
 
 def test_several_transforms_in_one_message(tmp_path: Path) -> None:
-    from mcap_ros2._dynamic import serialize_dynamic
-
     name = "tf2_msgs/msg/TFMessage"
     encoder = serialize_dynamic(name, DEFINITIONS[name])[name]
     messages = []
@@ -309,7 +310,46 @@ def test_several_transforms_in_one_message(tmp_path: Path) -> None:
     assert len(found["records"]) == 60  # type: ignore[arg-type]
 
 
+def test_a_kind_of_pose_is_read_in_bulk_as_soon_as_it_is_read_at_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name = "geometry_msgs/msg/PoseWithCovarianceStamped"
+    inner = DEFINITIONS["nav_msgs/msg/Odometry"]
+    text = inner.replace("string child_frame_id\n", "").replace(
+        "geometry_msgs/TwistWithCovariance twist\n", ""
+    )
+
+    def read(m: Any, topic: str, publish_ns: int) -> list[Message]:
+        [odometry] = ros_types._read_odometry(m, topic, publish_ns)
+        assert isinstance(odometry, Odometry)
+        return [Pose(odometry.t_ns, odometry.odom_from_base)]
+
+    monkeypatch.setitem(ros_types._READERS, name, read)
+    encoder = serialize_dynamic(name, text)[name]
+    data = [
+        encoder({"pose": {"pose": {"position": {"x": 0.1 * i}, "orientation": {"z": i, "w": 2.0}}}})
+        for i in range(30)
+    ]
+    path = written_by_others(
+        tmp_path / "s.mcap", [("/amcl_pose", name, text.encode(), each) for each in data]
+    )
+    assert len(assert_same_either_way(path)["records"]) == 30  # type: ignore[arg-type]
+    kinds = {type(each) for block in ColumnReader(path).blocks() for each in block.columns}
+    assert kinds == {PoseColumns}
+
+
 # the parts
+
+
+def test_several_files_are_one_session(tmp_path: Path) -> None:
+    one, two = write(tmp_path / "one.mcap", 5), write(tmp_path / "two.mcap", 20)
+    joined, opened = read_session(one, two), open_session(one, two)
+    assert plain(opened.records()) == plain(joined.records)
+    assert opened.metadata["files"] == ["one.mcap", "two.mcap"]
+    assert (opened.attachments, opened.damage) == (joined.attachments, ())
+    choice = Choice(kinds=(ScanColumns,))
+    assert len(list(opened.records(choice))) == 25
+    assert isinstance(open_session(one), OpenSession)
 
 
 def test_again_and_only_what_is_wanted(tmp_path: Path) -> None:
