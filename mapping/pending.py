@@ -116,7 +116,7 @@ class Pending:
 
     def axes_of(self, values: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """What holds for each reading (N,), for each of its axes (K,)."""
-        if len(self.ranges_m) == len(self):
+        if not self.is_scan.any():
             return values
         return np.repeat(values, np.diff(self.begins))
 

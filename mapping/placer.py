@@ -130,7 +130,7 @@ class Placer:
             base, sensor_pose = base[kept], sensor_pose[kept]
             usable &= pending.axes_of(kept)
         begins = pending.begins
-        if not usable.all():
+        if not (kept.all() and usable.all()):
             numbers = np.concatenate([[0], np.cumsum(usable)])
             counts = (numbers[begins[1:]] - numbers[begins[:-1]])[kept]
             begins = np.concatenate([[0], np.cumsum(counts)])

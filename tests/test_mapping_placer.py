@@ -247,6 +247,16 @@ def test_a_live_session_forgets_its_track() -> None:
     assert longest < 1300  # twice a minute of ten poses a second
 
 
+def test_a_scan_without_beams_beside_one_with_two() -> None:
+    """As many ranges as readings, and still not one each."""
+    ranges = (np.array([0.5, 0.5]), np.array([]))
+    scans = [Scan(0, "lidar", each, -0.1, 0.1, 0.05, 12.0) for each in ranges]
+    messages = [Pose(0, SE2(0.0, 0.0, 0.0)), *scans]
+    wanted = assert_placed_the_same(messages, config(), source(messages, 10))
+    assert wanted is not None
+    assert wanted.dropped == {"no usable beam": 1}
+
+
 def test_dead_reckoning_needs_a_finished_session() -> None:
     with pytest.raises(BadInput, match="finished session"):
         Placer(config("pose.odom_start=tracker"))
