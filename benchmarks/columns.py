@@ -25,7 +25,7 @@ from mapping.config import load_config  # noqa: E402
 from mapping.placed_session import PlacedSession  # noqa: E402
 from mapping.placing import place  # noqa: E402
 from recorder.session import read_session  # noqa: E402
-from recorder.session_columns import OpenSession  # noqa: E402
+from recorder.session.columns import OpenSession  # noqa: E402
 
 CONFIG = load_config((), (), None)
 

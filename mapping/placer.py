@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import LiveMotion
 from mapping.pending import Pending, SensorTable, first_readings
-from mapping.placing import settle_sensors
+from mapping.placing import resolve_sensors
 from mapping.poses import FrameTree, Track
 from mapping.readings import Readings
 from mapping.tracks import Frames, Motions, MotionTrack
@@ -258,4 +258,4 @@ def settled_sensors(
 ) -> dict[str, Sensor]:
     nothing = Track([], [], 0)
     moving = {child: (parent, nothing) for child, (parent, _) in frames.moving.items()}
-    return settle_sensors(first.values(), FrameTree(dict(frames.static), moving), config)
+    return resolve_sensors(first.values(), FrameTree(dict(frames.static), moving), config)

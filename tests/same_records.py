@@ -11,7 +11,7 @@ import numpy as np
 from recorder.errors import BadInput
 from recorder.messages import Message, Record
 from recorder.session import SessionReader
-from recorder.session_columns import ColumnReader
+from recorder.session.columns import ColumnReader
 
 
 def exactly(value: object) -> object:

@@ -37,7 +37,7 @@ from recorder.messages import (
     topic_of,
 )
 from recorder.session import read_session
-from recorder.session_columns import OpenSession
+from recorder.session.columns import OpenSession
 from recorder.simulator.robot import simulate
 from recorder.simulator.rooms import load_room
 
@@ -142,7 +142,6 @@ def test_files_of_other_people(folder: str) -> None:
 def test_simulated_drives(sensors: tuple[str, ...], settings_: list[str]) -> None:
     run = simulate(
         load_room("room"), duration_s=6.0, seed=2, head_sweep_deg=60.0, sensors=sensors,
-        lidar_beams=180,
     )  # fmt: skip
     messages = [message for _, message in run]
     wanted = assert_placed_the_same(messages, config(*settings_), source(messages, 77))
@@ -318,7 +317,7 @@ def test_the_shorter_arc_and_the_wrap_are_those_of_single_angles() -> None:
 
 def test_stretches_of_readings_and_their_points() -> None:
     messages = [m for _, m in simulate(load_room("room"), duration_s=3.0, seed=1,
-                                       sensors=("lidar", "ping"), lidar_beams=180)]  # fmt: skip
+                                       sensors=("lidar", "ping"))]  # fmt: skip
     beams = place(messages, config()).beams
     session = PlacedSession(source(messages, 10_000), config())
     [readings] = list(session)

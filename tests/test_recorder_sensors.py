@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from recorder.recording_options import parse_sensor
+from recorder.recording.options import parse_sensor
 
 from echogrid import main
 from mapping.config import MappingConfig, ReportedSensor, load_config, resolve_sensor

@@ -46,8 +46,8 @@ from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_layouts import parse_definition
 from recorder.ros_types import encode, type_name
 from recorder.session import SessionWriter, read_session
-from recorder.session_chunks import message_starts, taken_apart
-from recorder.session_columns import ColumnReader, OpenSession, open_session
+from recorder.session.chunks import message_starts, taken_apart
+from recorder.session.columns import ColumnReader, OpenSession, open_session
 from recorder.simulator.robot import simulate
 from recorder.simulator.rooms import load_room
 from tests.same_records import assert_same_either_way, plain

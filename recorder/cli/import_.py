@@ -90,7 +90,7 @@ def _options_of(name: str, choices: dict[str, Any]) -> dict[str, Any]:
     """The reader's keywords: rate and start where it takes them, the rest only where given."""
     from recorder.errors import BadInput
     from recorder.importers import IMPORTERS
-    from recorder.recording_options import parse_mount, parse_pose, parse_sensor, parse_wheels
+    from recorder.recording.options import parse_mount, parse_pose, parse_sensor, parse_wheels
 
     if name not in IMPORTERS:
         raise BadInput(f"unknown format {name!r} (known: {', '.join(IMPORTERS)})")

@@ -1,10 +1,10 @@
 """A session read as columns: whole chunks at a time, in the memory of a few, again and again.
 
-The frames of the file are walked by :class:`~recorder.session_scan.SessionScan`, so that damage is
+The frames of the file are walked by :class:`~recorder.session.scan.SessionScan`, so that damage is
 met, counted and reported as it always is. Only what is inside a chunk whose checksum is right is
 taken apart in bulk: where its messages begin, of which channel they are, and what is in them.
 Whatever is out of the ordinary goes, message by message, the way of
-:class:`~recorder.session_reader.SessionReader`, with the same result.
+:class:`~recorder.session.reader.SessionReader`, with the same result.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from recorder.errors import BadInput
 from recorder.messages import Record
 from recorder.ros_columns import KIND_OF_TYPE, ChannelColumns, Rows, gathered
 from recorder.session import Session, read_session
-from recorder.session_chunks import FIXED_BYTES, ChunkScan, Stretch
-from recorder.session_frames import FRAME
-from recorder.session_reader import SessionReader
+from recorder.session.chunks import FIXED_BYTES, ChunkScan, Stretch
+from recorder.session.frames import FRAME
+from recorder.session.reader import SessionReader
 
 _BATCH_BYTES = 1 << 18  # small chunks are decoded together: arrays of a few rows cost too much
 _LOOSE_RECORDS = 1000

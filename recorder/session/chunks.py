@@ -1,6 +1,6 @@
 """Chunks of an MCAP file taken apart in bulk: where the messages begin, without looking into them.
 
-What is not quite as it should be is left to :class:`~recorder.session_scan.SessionScan`.
+What is not quite as it should be is left to :class:`~recorder.session.scan.SessionScan`.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from mcap.stream_reader import get_chunk_data_stream
 
 from recorder.columns import Ints
 from recorder.ros_columns import gathered
-from recorder.session_format import UNREADABLE
-from recorder.session_frames import FRAME, PARSERS, Frame, Senseless, chunk_size, parsed
-from recorder.session_scan import SessionScan
+from recorder.session.format import UNREADABLE
+from recorder.session.frames import FRAME, PARSERS, Frame, InvalidFrame, chunk_size, parsed
+from recorder.session.scan import SessionScan
 
 FIXED_BYTES = 22  # of a message, before its data
 _FRAME_BYTES, _MESSAGE = FRAME.size, int(Opcode.MESSAGE)
@@ -60,7 +60,7 @@ class ChunkScan(SessionScan):
 
     def end(self) -> None:
         """Note what is missing, once all has been counted."""
-        self._say_what_is_missing()
+        self._note_missing()
 
     def _unpack(self, frame: Frame, position: int) -> Iterator[McapRecord]:
         chunk = chunk_of(frame.content) if frame.opcode == Opcode.CHUNK else None
@@ -75,7 +75,7 @@ class ChunkScan(SessionScan):
             try:
                 stream, size = get_chunk_data_stream(chunk, validate_crc=True)
                 found = taken_apart(stream.read(size))
-            except (Senseless, *UNREADABLE):
+            except (InvalidFrame, *UNREADABLE):
                 pass  # what it is, is found again and noted below
         if found is None:
             yield from super()._unpack_chunk(chunk, frame)
@@ -105,7 +105,7 @@ def chunk_of(content: bytes) -> Chunk | None:
 def taken_apart(data: bytes) -> list[McapRecord] | None:
     """The definitions and stretches of messages in a chunk, in their order.
 
-    None, or Senseless or what the library raises, where it is not quite as it should be.
+    None, or InvalidFrame or what the library raises, where it is not quite as it should be.
     """
     records: list[McapRecord] = []
     starts: list[int] = []
