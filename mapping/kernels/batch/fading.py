@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.spans import (
-    FRONT, OUTSIDE, WIDEST_RAD, Beam, beam_of, box_of, lacks_band, obstacle_cell, part_of_beam,
+    FRONT, OUTSIDE, WIDEST_RAD, Beam, beam_of, box_of, mark, part_of_beam, point_cell,
     spans_of_rows,
 )  # fmt: skip
 from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE, mark_seen
@@ -106,16 +106,6 @@ def _add_plain_row(
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _mark(seen: Steps, row: int, a: int, f: int, g: int, b: int, says_front: bool) -> None:
-    """Note where a row's span begins and ends, without its front where that says nothing."""
-    seen[row, a] += np.int32(1)
-    seen[row, b] -= np.int32(1)
-    if not says_front:
-        seen[row, f] -= np.int32(1)
-        seen[row, g] += np.int32(1)
-
-
 @njit(cache=True, error_model="numpy")
 def _add_rows(
     cells: Steps, seen: Steps, first: int, first_seen: int, step: int, shift: int, rows: int,
@@ -129,7 +119,7 @@ def _add_rows(
         a, f, g, b = spans[0, k] - shift, spans[1, k] - shift, spans[2, k] - shift, spans[3, k] - shift
         if b <= a:
             continue
-        _mark(seen, first_seen + k, a, f, g, b, says_front)
+        mark(seen, first_seen + k, a, f, g, b, says_front)
         if is_plain or f == g:
             _add_plain_row(cells, first + k * step, columns, a, f, g, b, plain, hit)
         else:
@@ -181,7 +171,7 @@ def _add_wide(
                 continue
             a = col - place.col0
             g = a + 1 if found == FRONT else a
-            _mark(seen, own // parts, a, a, g, a + 1, miss != 0.0)
+            mark(seen, own // parts, a, a, g, a + 1, miss != 0.0)
             _add_row(cells, own, columns, bell, square, a, a, g, a + 1,
                      miss, near * row_bell[0], _UNIT + row_square[0], hit)  # fmt: skip
 
@@ -211,13 +201,9 @@ def add_fading(
         miss = np.float32(-sensors[name, MISS] * ONE)
         near = np.float32(-sensors[name, MISS] * sensors[name, NEAR] * ONE)
         hit = np.int32(np.rint(min(sensors[name, HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
-        point_row, point_col, before = -1, -1, _NOTHING
-        if bands[i] >= 0.0 and lacks_band(beam, place, rows, cols, spans, doubt):
-            point_row, point_col = obstacle_cell(beam, place, ranges[i])
-            if not (0 <= point_col < cols and 0 <= point_row < rows and point_row % parts == part):
-                point_row = -1
-            else:
-                before = cells[point_row, point_col]
+        point_row, point_col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part,
+                                          parts, spans, doubt)  # fmt: skip
+        before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
         if beam.half > WIDEST_RAD:
             _add_wide(cells, seen, place, beam, miss, near, fade, hit, part, parts, cols, columns,
                       bell, square, row_bell, row_square, bits)  # fmt: skip
@@ -226,5 +212,5 @@ def add_fading(
                        bell, square, row_bell, row_square, bits, spans, doubt)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             cells[point_row, point_col] = min(np.int32(before + hit), HIGHEST)
-            _mark(seen, point_row // parts, point_col, point_col, point_col, point_col + 1, True)
+            mark(seen, point_row // parts, point_col, point_col, point_col, point_col + 1, True)
     mark_seen(seen, observed, part, parts)

@@ -111,15 +111,6 @@ def box_of(beam: Beam, place: Place, rows: int, cols: int) -> tuple[int, int, in
     return row0, max(row1, row0), col0, max(col1, col0)
 
 
-@njit(cache=True, error_model="numpy")
-def obstacle_cell(beam: Beam, place: Place, range_m: float) -> tuple[int, int]:
-    """Row and column of the cell that holds the obstacle's point, in the array of the place."""
-    x, y = beam.x + range_m * beam.cos, beam.y + range_m * beam.sin
-    col = math.floor((x - place.origin_x_m) / place.size_m)
-    row = math.floor((y - place.origin_y_m) / place.size_m)
-    return row - place.row0, col - place.col0
-
-
 @njit(cache=True, error_model="numpy", forceinline=True)
 def surely_has_band(beam: Beam, place: Place, rows: int, cols: int) -> bool:
     """Can it be told without looking that a cell's centre lies in the band?"""
@@ -245,3 +236,33 @@ def lacks_band(
         if spans[3, k] - spans[0, k] > spans[2, k] - spans[1, k]:
             return False
     return True
+
+
+@njit(cache=True, error_model="numpy")
+def point_cell(
+    beam: Beam, place: Place, rows: int, cols: int, range_m: float, band_end_m: float, part: int,
+    parts: int, spans: Columns, doubt: Columns,
+) -> tuple[int, int]:  # fmt: skip
+    """Row and column, in the array of the place, of the obstacle's cell where it is the band.
+
+    (-1, -1) where there are cells in the band, where nothing came back, and where the obstacle's
+    cell lies outside or in a row of another part.
+    """
+    if band_end_m < 0.0 or not lacks_band(beam, place, rows, cols, spans, doubt):
+        return -1, -1
+    x, y = beam.x + range_m * beam.cos, beam.y + range_m * beam.sin
+    col = math.floor((x - place.origin_x_m) / place.size_m) - place.col0
+    row = math.floor((y - place.origin_y_m) / place.size_m) - place.row0
+    if not (0 <= col < cols and 0 <= row < rows and row % parts == part):
+        return -1, -1
+    return row, col
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def mark(seen: Steps, row: int, a: int, f: int, g: int, b: int, says_front: bool) -> None:
+    """Note where a row's span begins and ends, without its front where that says nothing."""
+    seen[row, a] += np.int32(1)
+    seen[row, b] -= np.int32(1)
+    if not says_front:
+        seen[row, f] -= np.int32(1)
+        seen[row, g] += np.int32(1)
