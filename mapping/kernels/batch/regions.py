@@ -64,26 +64,27 @@ def region_borders(
             borders[k, r] = np.int32(above if dy > 0.0 else below)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _write_runs(
     borders: Steps, r: int, is_above: bool, regions: int, bands: int, a: int, b: int, shift: int,
     factors: Singles, factor: Singles, base: Steps,
 ) -> None:  # fmt: skip
     """The factor of each cell a to b - 1 of a row, and where its region begins in the table."""
-    start = a
-    for n in range(regions):  # from left to right
-        k = regions - 1 - n if is_above else n
-        end = b
-        if n < regions - 1:
-            end = min(max(borders[k if is_above else k + 1, r] - shift, start), b)
+    start, n_last = a, regions - 1
+    for n in range(regions):  # from left to right, so that what is written too far is written over
+        k = n_last - n if is_above else n
+        end = b if n == n_last else min(borders[k if is_above else k + 1, r] - shift, b)
+        if end <= start:
+            continue
         first, value, row = np.uint64(start), factors[k], np.int32(k * bands)
-        for u in range(end - start):
+        for u in range((end - start + 15) >> 4 << 4):
             factor[first + np.uint64(u)] = value
+        for u in range((end - start + 15) >> 4 << 4):
             base[first + np.uint64(u)] = row
         start = end
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _add_front(
     cells: Steps, row: int, columns: Steps, square: Singles, dy_squared: float, factor: Singles,
     f: int, g: int, e0: float, e1: float,
@@ -106,17 +107,17 @@ def _add_front(
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _add_band(
-    cells: Steps, row: int, place: Place, beam: Beam, square: Singles, dy_squared: float,
-    base: Steps, a: int, b: int, bands: int, table: Steps, index: Steps,
+    cells: Steps, row: int, place: Place, beam: Beam, columns: Steps, square: Singles,
+    dy_squared: float, base: Steps, a: int, b: int, bands: int, table: Steps, index: Steps,
 ) -> None:  # fmt: skip
     """What the cells a to b - 1 of a row gain."""
     begin, depth = beam.front_limit, beam.limit - beam.front_limit
     scale, offset = np.float32(bands / depth), np.float32(-begin * bands / depth)
     unsure = np.float32(1e-6 * bands * beam.limit / depth)
     last, first, doubtful = np.float32(bands - 1), np.uint64(a), 0
-    for k in range(b - a):
+    for k in range((b - a + 15) >> 4 << 4):
         c = first + np.uint64(k)
         at = np.sqrt(square[c] + dy_squared) * scale + offset
         doubtful += np.int32(abs(at - np.rint(at)) < unsure)
@@ -131,7 +132,14 @@ def _add_band(
             index[c] = base[c] + min(max(at_64, 0), bands - 1)
     for k in range(b - a):
         c = first + np.uint64(k)
-        total = np.int32(cells[row, c] + table[np.uint32(index[c])])
+        index[c] = table[np.uint32(index[c])]
+    groups = a >> 4
+    start, count = np.uint64(groups << 4), (((b + 15) >> 4) - groups) << 4
+    a32, width = np.int32(a), np.uint32(b - a)
+    for k in range(count):
+        c = start + np.uint64(k)
+        step = index[c] if np.uint32(columns[c] - a32) < width else _NOTHING
+        total = np.int32(cells[row, c] + step)
         total = total if total < HIGHEST else HIGHEST
         cells[row, c] = total if total > LOWEST else LOWEST
 
@@ -214,10 +222,10 @@ def _add_rows(
         _write_runs(borders, k, is_above, regions, bands, a, b, shift, factors, factor, base)
         if says_front and g > f:
             _add_front(cells, row, columns, square, row_square[k], factor, f, g, f0, f1)
-        if f > a:
-            _add_band(cells, row, place, beam, square, row_square[k], base, a, f, bands, table, index)
-        if b > g:
-            _add_band(cells, row, place, beam, square, row_square[k], base, g, b, bands, table, index)
+        for begin, end in ((a, f), (g, b)):
+            if end > begin:
+                _add_band(cells, row, place, beam, columns, square, row_square[k], base, begin, end,
+                          bands, table, index)  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -234,9 +242,9 @@ def add_regions(
     """
     (rows, cols), stride = observed.shape, cells.shape[1]
     regions, bands = tables.shape[1], tables.shape[2]
-    columns, index = np.arange(stride).astype(np.int32), np.empty(stride, np.int32)
-    square, row_square = np.empty(stride, np.float32), np.empty(rows, np.float32)
-    factor, base = np.empty(stride, np.float32), np.empty(stride, np.int32)
+    columns, index = np.arange(stride).astype(np.int32), np.empty(stride + LANES, np.int32)
+    square, row_square = np.zeros(stride + LANES, np.float32), np.empty(rows, np.float32)
+    factor, base = np.empty(stride + LANES, np.float32), np.zeros(stride + LANES, np.int32)
     spans, doubt = np.empty((4, rows), np.int32), np.empty(rows, np.int32)
     borders = np.empty((regions, rows), np.int32)
     seen = np.zeros(((rows - part + parts - 1) // parts, stride + 1), np.int32)
