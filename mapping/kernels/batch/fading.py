@@ -35,7 +35,7 @@ _E1, _E2, _E3 = np.float32(0.6931472), np.float32(0.24022651), np.float32(0.0555
 _E4, _E5, _E6 = np.float32(0.009618129), np.float32(0.0013333558), np.float32(0.00015403530)
 _UNIT, _BIAS, _MANTISSA_BITS = np.float32(1.0), np.int32(127), np.int32(23)
 _NOTHING = np.int32(0)
-_FLAT = 2.0**-13  # of the fading distance: up to here 1 + (rho / fade)^2 is 1 in float32
+FLAT = 2.0**-13  # of the fading distance: up to here 1 + (rho / fade)^2 is 1 in float32
 
 
 @njit(cache=True, error_model="numpy")
@@ -66,7 +66,7 @@ def gaussians(
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _add_row(
+def add_row(
     cells: Steps, row: int, columns: Steps, bell: Singles, square: Singles,
     a: int, f: int, g: int, b: int, miss: float, near: float, depth: float, hit: int,
 ) -> None:  # fmt: skip
@@ -88,7 +88,7 @@ def _add_row(
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _add_plain_row(
+def add_plain_row(
     cells: Steps, row: int, columns: Steps, a: int, f: int, g: int, b: int, miss: int, hit: int
 ) -> None:
     """The same where all cells in front lose as much."""
@@ -121,9 +121,9 @@ def _add_rows(
             continue
         mark(seen, first_seen + k, a, f, g, b, says_front)
         if is_plain or f == g:
-            _add_plain_row(cells, first + k * step, columns, a, f, g, b, plain, hit)
+            add_plain_row(cells, first + k * step, columns, a, f, g, b, plain, hit)
         else:
-            _add_row(cells, first + k * step, columns, bell, square, a, f, g, b,
+            add_row(cells, first + k * step, columns, bell, square, a, f, g, b,
                      miss, near * row_bell[k], _UNIT + row_square[k], hit)  # fmt: skip
 
 
@@ -139,7 +139,7 @@ def _add_wedge(
     if row0 >= row1 or col0 >= col1:
         return
     rows = spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)
-    is_plain = near == 0.0 and beam.limit < fade * _FLAT
+    is_plain = near == 0.0 and beam.limit < fade * FLAT
     if not is_plain:
         start, end = (col0 - place.col0) // LANES * LANES, -((place.col0 - col1) // LANES) * LANES
         gaussians(start + place.col0, end - start, np.int64(1), place.size_m, place.origin_x_m - beam.x,
@@ -172,7 +172,7 @@ def _add_wide(
             a = col - place.col0
             g = a + 1 if found == FRONT else a
             mark(seen, own // parts, a, a, g, a + 1, miss != 0.0)
-            _add_row(cells, own, columns, bell, square, a, a, g, a + 1,
+            add_row(cells, own, columns, bell, square, a, a, g, a + 1,
                      miss, near * row_bell[0], _UNIT + row_square[0], hit)  # fmt: skip
 
 

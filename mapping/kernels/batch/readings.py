@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,60 @@ class Readings(NamedTuple):
     front_end_m: Floats
     band_end_m: Floats
     sensor: NDArray[np.int32]
+
+
+class Scans(NamedTuple):
+    """Scans of one laser in the order in which they are mapped: N scans of B beams each.
+
+    Poses are (N,); the rest (N, B) is as in ``Readings``.
+    """
+
+    x_m: Floats
+    y_m: Floats
+    heading_rad: Floats
+    range_m: Floats
+    front_end_m: Floats
+    band_end_m: Floats
+
+
+class ScanAxes(NamedTuple):
+    """The beams of a laser, in the order of their directions: where each begins and ends.
+
+    A beam's cells lie nearer to its axis than to any other, and within its half width. ``axis``
+    (A,) are the beams, without those that look the same way as an earlier one; ``low`` and
+    ``high`` (2, A) cosine and sine, relative to the laser, of both ends; ``joined`` (A,) tells
+    which begin where the one before ends. ``bearings_rad`` (B,) are all directions.
+    """
+
+    axis: NDArray[np.int64]
+    low: Floats
+    high: Floats
+    joined: NDArray[np.bool_]
+    bearings_rad: Floats
+
+
+_SAME_RAD = 1e-9  # beams that look the same way
+_EDGE_RAD = 1e-10  # the rasteriser's tolerance of an edge
+
+
+def scan_axes(bearings_rad: Floats, half_width_rad: float) -> ScanAxes:
+    """The beams of a laser; ``half_width_rad`` is half the width of one of them."""
+    bearings = np.asarray(bearings_rad, np.float64)
+    directions = bearings % (2.0 * math.pi)
+    order = np.argsort(directions, kind="stable")
+    apart = np.diff(directions[order], prepend=directions[order[-1]] - 2.0 * math.pi) > _SAME_RAD
+    # Of beams that look the same way, the first of the scan.
+    group = np.maximum(np.cumsum(apart) - 1, 0)
+    kept = [int(order[group == g].min()) for g in range(int(group[-1]) + 1)]
+    centre = directions[kept]
+    gap = np.diff(centre, append=centre[0] + 2.0 * math.pi)
+    half = half_width_rad + _EDGE_RAD
+    after, before = np.minimum(gap / 2.0, half), np.minimum(np.roll(gap, 1) / 2.0, half)
+    low, high = centre - before, centre + after
+    return ScanAxes(
+        np.array(kept, np.int64), np.array([np.cos(low), np.sin(low)]),
+        np.array([np.cos(high), np.sin(high)]), np.roll(gap, 1) / 2.0 <= half, bearings,
+    )  # fmt: skip
 
 
 class Place(NamedTuple):

@@ -160,6 +160,25 @@ def spans_of_rows(
     """
     row0, row1, col0, col1 = box
     rows = (row1 - row0 + step - 1) // step
+    if likely_spans(beam, place, box, step, spans, doubt) > 0:
+        for k in range(rows):
+            if doubt[k] != 0:
+                a, f, g, b = _row_again(beam, place, row0 + k * step, col0, col1)
+                spans[0, k], spans[1, k], spans[2, k], spans[3, k] = a, f, g, b
+    return rows
+
+
+@njit(cache=True, error_model="numpy")
+def likely_spans(
+    beam: Beam, place: Place, box: tuple[int, int, int, int], step: int, spans: Columns,
+    doubt: Columns,
+) -> int:  # fmt: skip
+    """The same without a second look: ``doubt[k]`` is 1 for a row whose spans are not sure.
+
+    Returns how many these are.
+    """
+    row0, row1, col0, col1 = box
+    rows = (row1 - row0 + step - 1) // step
     size, limit, front_limit = place.size_m, beam.limit, beam.front_limit
     sin_right = beam.sin_right if abs(beam.sin_right) > _ANY_SINE else _ANY_SINE
     sin_left = beam.sin_left if abs(beam.sin_left) > _ANY_SINE else _ANY_SINE
@@ -204,12 +223,7 @@ def spans_of_rows(
         spans[1, k] = np.int32(f if g > f else b)
         spans[2, k] = np.int32(g if g > f else b)
         spans[3, k] = np.int32(b)
-    if unclear > 0:
-        for k in range(rows):
-            if doubt[k] != 0:
-                a, f, g, b = _row_again(beam, place, row0 + k * step, col0, col1)
-                spans[0, k], spans[1, k], spans[2, k], spans[3, k] = a, f, g, b
-    return rows
+    return unclear
 
 
 @njit(cache=True, error_model="numpy")

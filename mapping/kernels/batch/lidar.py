@@ -1,0 +1,460 @@
+"""Laser scans with `fading` and Bayes' rule: each cell takes the beam whose axis is nearest.
+
+A scan is one reading. The fronts of its beams form one star-shaped patch: between two rows of
+cells its outline changes only where two neighbouring beams end at different ranges, and along the
+arc at each beam's end. So the outline is followed once around, each row collects where it is
+crossed, in order, and what lies between two crossings is one run, however many beams it holds.
+Only the bands are drawn beam by beam. A row whose crossing is too close to a cell's centre to tell
+is looked at again, cell by cell, with the rasteriser's predicate.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mapping.kernels.batch.fading import (
+    FADE, FLAT, HALF_WIDTH, HIT, MISS, NEAR, add_plain_row, add_row, gaussians,
+)  # fmt: skip
+from mapping.kernels.batch.readings import Place, ScanAxes, Scans
+from mapping.kernels.batch.spans import Beam, likely_spans, mark
+from mapping.kernels.batch.steps import CLAMP, HIGHEST, ONE, mark_seen
+from mapping.kernels.footprints import TOLERANCE_M, _in_beam, turn_of
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Steps = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+
+_UNSURE = 1e-5  # of a cell
+
+
+@njit(cache=True, error_model="numpy")
+def _row_range(
+    y: float, up: bool, d0: float, d1: float, rows: int, part: int, parts: int, slow: Flags
+) -> tuple[int, int]:
+    """First row and row after the last whose centres lie d0 to d1 cells above (below) the sensor.
+
+    ``y`` is the sensor's row. Rows whose centre lies on an end are marked as ``slow``.
+    """
+    low, high = (y + d0, y + d1) if up else (y - d1, y - d0)
+    for end in (low, high):
+        nearest = np.rint(end)
+        if abs(end - nearest) < _UNSURE and 0.0 <= nearest < rows:
+            slow[int(nearest)] = True
+    first = int(math.ceil(max(low, 0.0)))
+    return first + (part - first) % parts, int(math.floor(min(high, rows - 1.0))) + 1
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _cross(
+    row: int, u: float, unsure: float, opens: bool, up: bool, cols: int, start: Steps, runs: Steps,
+    found: int, slow: Flags,
+) -> int:  # fmt: skip
+    """One crossing of a row's outline at column ``u``: remember it, or close the run it began."""
+    if abs(u - np.rint(u)) < unsure:
+        slow[row] = True
+    col = np.int32(math.ceil(min(max(u, 0.0), np.float64(cols))))
+    if opens:
+        start[row] = col
+        return found
+    a, b = (col, start[row]) if up else (start[row], col)
+    if b > a:
+        runs[0, found], runs[1, found], runs[2, found] = row, a, b
+        return found + 1
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _along_ray(
+    x: float, y: float, c: float, s: float, before: float, after: float, rows: int, cols: int,
+    part: int, parts: int, start: Steps, runs: Steps, found: int, slow: Flags,
+) -> int:  # fmt: skip
+    """Crossings of a ray where the front's end jumps from ``before`` to ``after`` cells."""
+    up, height = s > 0.0, abs(s)
+    if before == after or height < 1e-12:
+        return found
+    first, end = _row_range(y, up, min(before, after) * height, max(before, after) * height, rows,
+                            part, parts, slow)  # fmt: skip
+    slope, unsure = c / s, _UNSURE + 2e-10 * max(before, after) / height
+    for row in range(first, end, parts):
+        u = x + (row - y) * slope
+        found = _cross(row, u, unsure, after > before, up, cols, start, runs, found, slow)
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _along_arc(
+    x: float, y: float, c0: float, s0: float, c1: float, s1: float, radius: float, up: bool,
+    rows: int, cols: int, part: int, parts: int, start: Steps, runs: Steps, found: int, slow: Flags,
+) -> int:  # fmt: skip
+    """Crossings of the arc from direction 0 to direction 1, both in one half plane."""
+    if radius <= 0.0:
+        return found
+    side = 1.0 if up else -1.0
+    begins, ends = c0 * side > 0.0, c1 * side < 0.0  # before, and after the farthest row
+    unsure = _UNSURE + 1e-12 * radius * radius
+    for part_of_arc in range(2):
+        opens = part_of_arc == 0
+        if (opens and not begins) or (not opens and not ends):
+            continue
+        low = radius * abs(s0 if opens else s1)
+        high = radius if (begins and ends) else radius * abs(s1 if opens else s0)
+        first, end = _row_range(y, up, low, high, rows, part, parts, slow)
+        for row in range(first, end, parts):
+            wide = math.sqrt(max(radius * radius - (row - y) * (row - y), 0.0))
+            u = x + (side if opens else -side) * wide
+            if wide < 1e-3:
+                slow[row] = True
+            found = _cross(row, u, unsure, opens, up, cols, start, runs, found, slow)
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _is_up(c: float, s: float, begins: bool) -> bool:
+    """Is a direction above the sensor? Of those along the row: 0 where a beam begins, pi where it
+    ends."""
+    return s > 0.0 or (s == 0.0 and (c > 0.0) == begins)
+
+
+@njit(cache=True, error_model="numpy")
+def _first_axis(low: Floats, high: Floats) -> int:
+    """The beam that direction 0 goes through, or the next one."""
+    first, nearest = 0, 5.0
+    for j in range(low.shape[1]):
+        begins_up, ends_up = _is_up(low[0, j], low[1, j], True), _is_up(high[0, j], high[1, j], False)
+        if ends_up and not begins_up:
+            return j
+        turn = 1.0 - low[0, j] if begins_up else 3.0 + low[0, j]
+        if turn < nearest:
+            first, nearest = j, turn
+    return first
+
+
+@njit(cache=True, error_model="numpy")
+def _front_runs(
+    x: float, y: float, low: Floats, high: Floats, joined: Flags, fronts: Floats, rows: int,
+    cols: int, part: int, parts: int, start: Steps, runs: Steps, slow: Flags,
+) -> tuple[Steps, int]:  # fmt: skip
+    """The runs (3, M) of a scan's front, row, first and after, and how many they are.
+
+    ``low`` and ``high`` (2, A) are cosine and sine of where beams begin and end, ``fronts`` (A,)
+    the ends of their fronts in cells, 0 where there is none. Rows above the sensor are crossed
+    from direction 0 on, those below from pi on: so each row meets its crossings in order.
+    """
+    count, found = fronts.size, 0
+    first = _first_axis(low, high)
+    for n in range(count + 1):
+        j = (first + n) % count
+        c0, s0, c1, s1, radius = low[0, j], low[1, j], high[0, j], high[1, j], fronts[j]
+        begins_up, ends_up = _is_up(c0, s0, True), _is_up(c1, s1, False)
+        across = ends_up and not begins_up  # goes through direction 0: ends first, begins last
+        if n == count and not across:
+            break
+        while found + 4 * rows > runs.shape[1]:
+            more = np.empty((3, 2 * runs.shape[1]), np.int32)
+            more[:, :found] = runs[:, :found]
+            runs = more
+        if n > 0 or not across:
+            before = fronts[j - 1] if joined[j] else 0.0
+            found = _along_ray(x, y, c0, s0, before, radius, rows, cols, part, parts, start, runs,
+                               found, slow)  # fmt: skip
+        if n == count:
+            ends_up, c1, s1 = False, 1.0, 0.0
+        if n == 0 and across:
+            begins_up, c0, s0 = True, 1.0, 0.0
+        if begins_up:
+            c2, s2 = (c1, s1) if ends_up else (-1.0, 0.0)
+            found = _along_arc(x, y, c0, s0, c2, s2, radius, True, rows, cols, part, parts, start,
+                               runs, found, slow)  # fmt: skip
+        if not ends_up:
+            c2, s2 = (-1.0, 0.0) if begins_up else (c0, s0)
+            found = _along_arc(x, y, c2, s2, c1, s1, radius, False, rows, cols, part, parts, start,
+                               runs, found, slow)  # fmt: skip
+        if n < count and not joined[(j + 1) % count]:
+            found = _along_ray(x, y, high[0, j], high[1, j], radius, 0.0, rows, cols, part, parts,
+                               start, runs, found, slow)  # fmt: skip
+    return runs, found
+
+
+@njit(cache=True, error_model="numpy")
+def _band_runs(
+    x: float, y: float, low: Floats, high: Floats, axis: Integers, fronts: Floats, bands: Floats,
+    place: Place, rows: int, cols: int, runs: Steps, slow: Flags, spans: Steps, doubt: Steps,
+) -> tuple[Steps, int]:  # fmt: skip
+    """The runs (4, M) of a scan's bands, row, first, after and beam, and how many they are.
+
+    ``fronts`` and ``bands`` are in metres, tolerances included.
+    """
+    found, size = 0, place.size_m
+    y_row = (y - place.origin_y_m) / size - 0.5 - place.row0
+    for j in range(axis.size):
+        begin, end = fronts[j], bands[j]
+        if not end > begin or end <= 0.0:
+            continue
+        c0, s0, c1, s1 = low[0, j], low[1, j], high[0, j], high[1, j]
+        inner = max(begin, 0.0)
+        top = end if c0 >= 0.0 >= c1 else max(max(end * s0, end * s1), max(inner * s0, inner * s1))
+        bottom = -end if c0 <= 0.0 <= c1 else min(min(end * s0, end * s1), min(inner * s0, inner * s1))
+        row0 = int(max(math.ceil(y_row + bottom / size - 1e-4), 0.0))
+        row1 = int(min(math.floor(y_row + top / size + 1e-4), rows - 1.0)) + 1
+        if row1 <= row0:
+            continue
+        beam = Beam(x, y, 0.0, 0.0, 0.0, 0.0, 0.0, c0, s0, c1, s1, begin, end)
+        box = (row0 + place.row0, row1 + place.row0, place.col0, place.col0 + cols)
+        likely_spans(beam, place, box, np.int64(1), spans, doubt)
+        while found + 2 * rows > runs.shape[1]:
+            more = np.empty((4, 2 * runs.shape[1]), np.int32)
+            more[:, :found] = runs[:, :found]
+            runs = more
+        for k in range(row1 - row0):
+            slow[row0 + k] |= doubt[k] != 0
+            for a, b in ((spans[0, k], spans[1, k]), (spans[2, k], spans[3, k])):
+                if b > a:
+                    runs[0, found], runs[1, found] = row0 + k, a - place.col0
+                    runs[2, found], runs[3, found] = b - place.col0, axis[j]
+                    found += 1
+    return runs, found
+
+
+@njit(cache=True, error_model="numpy")
+def _nearest_axes(headings: Floats) -> tuple[Floats, Integers]:
+    """Borders between neighbouring axes as numbers of ``turn_of``, ascending, and the axis after
+    each: those of the rasteriser."""
+    directions = headings % (2.0 * math.pi)
+    order = np.argsort(directions, kind="mergesort")
+    kept = np.empty(order.size, np.int64)
+    n = 0
+    for k in range(order.size):
+        if n == 0 or directions[order[k]] != directions[kept[n - 1]]:
+            kept[n] = order[k]
+            n += 1
+    turns, after = np.empty(n), np.empty(n, np.int64)
+    for k in range(n):
+        here = directions[kept[k]]
+        there = directions[kept[k + 1]] if k + 1 < n else directions[kept[0]] + 2.0 * math.pi
+        middle = here + (there - here) / 2.0
+        turns[k], after[k] = turn_of(math.cos(middle), math.sin(middle)), kept[(k + 1) % n]
+    by_turn = np.argsort(turns, kind="mergesort")
+    return turns[by_turn], after[by_turn]
+
+
+@njit(cache=True, error_model="numpy")
+def _owner(
+    dx: float, dy: float, turns: Floats, after: Integers, headings: Floats, half: float,
+    fronts: Floats, bands: Floats,
+) -> tuple[int, bool]:  # fmt: skip
+    """The beam that says something of a place, -1 for none, and is it in its band?
+
+    ``fronts`` and ``bands`` are the ends in metres, as the scan has them.
+    """
+    k = np.searchsorted(turns, turn_of(dx, dy), side="right") - 1
+    axis = after[k if k >= 0 else turns.size - 1]
+    rho = math.sqrt(dx * dx + dy * dy)
+    if rho > max(fronts[axis], bands[axis]) + TOLERANCE_M:
+        return -1, False
+    in_front = rho < fronts[axis] - TOLERANCE_M
+    if not in_front and not bands[axis] > fronts[axis]:
+        return -1, False
+    c, s = math.cos(headings[axis]), math.sin(headings[axis])
+    if not _in_beam(dx * c + dy * s, dy * c - dx * s, rho, math.sin(half), math.cos(half), half):
+        return -1, False
+    return axis, not in_front
+
+
+@njit(cache=True, error_model="numpy")
+def _turned(c: float, s: float, unit: Floats, out: Floats) -> None:
+    """Directions (2, A) turned by an angle."""
+    for j in range(unit.shape[1]):
+        out[0, j] = c * unit[0, j] - s * unit[1, j]
+        out[1, j] = s * unit[0, j] + c * unit[1, j]
+
+
+@njit(cache=True, error_model="numpy")
+def _hit_of(sensor: Floats, range_m: float) -> int:
+    """Steps that a cell in the band gains."""
+    faded = range_m / sensor[FADE]
+    return np.int32(np.rint(min(sensor[HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
+
+
+@njit(cache=True, error_model="numpy")
+def _count_bands(
+    runs: Steps, found: int, slow: Flags, place: Place, x: float, y: float, cols: int,
+    turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
+    in_band: Integers,
+) -> None:  # fmt: skip
+    """How many cells of its band each beam owns."""
+    in_band[:] = 0
+    for k in range(found):
+        if not slow[runs[0, k]]:
+            in_band[runs[3, k]] += runs[2, k] - runs[1, k]
+    for row in range(slow.size):
+        if slow[row]:
+            dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - y
+            for col in range(cols):
+                dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - x
+                axis, is_band = _owner(dx, dy, turns, after, headings, half, fronts, bands)
+                if axis >= 0 and is_band:
+                    in_band[axis] += 1
+
+
+@njit(cache=True, error_model="numpy")
+def _point_cells(
+    cells: Steps, place: Place, x: float, y: float, headings: Floats, ranges: Floats,
+    bands: Floats, in_band: Integers, part: int, parts: int, cols: int, points: Integers,
+) -> int:  # fmt: skip
+    """The obstacle's own cell of each beam without a band: row, column, beam and what was there.
+
+    From the longest range to the shortest, which wins a cell. Returns how many there are.
+    """
+    found = 0
+    for axis in range(headings.size):
+        if in_band[axis] > 0 or bands[axis] < 0.0:
+            continue
+        px, py = x + ranges[axis] * math.cos(headings[axis]), y + ranges[axis] * math.sin(headings[axis])
+        col = math.floor((px - place.origin_x_m) / place.size_m) - place.col0
+        row = math.floor((py - place.origin_y_m) / place.size_m) - place.row0
+        if 0 <= row < cells.shape[0] and 0 <= col < cols and row % parts == part:
+            k = found  # kept in order as they come; of equal ranges the later one stays behind
+            while k > 0 and ranges[points[2, k - 1]] < ranges[axis]:
+                points[:, k] = points[:, k - 1]
+                k -= 1
+            points[0, k], points[1, k], points[2, k], points[3, k] = row, col, axis, cells[row, col]
+            found += 1
+    return found
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_scans(
+    cells: Steps, observed: Flags, place: Place, scans: Scans, axes: ScanAxes, sensor: Floats,
+    part: int, parts: int,
+) -> None:  # fmt: skip
+    """Add scans of one laser, in their order, to the rows part, part + parts, ... of a map.
+
+    ``cells`` (rows, a multiple of ``LANES``) are steps of log-odds, ``observed`` (rows, cols) gets
+    the cells of which anything was said. ``sensor`` (5,) is a row of ``fading``'s table.
+    """
+    (rows, cols), stride, beams = observed.shape, cells.shape[1], axes.bearings_rad.size
+    columns, start = np.arange(stride).astype(np.int32), np.empty(rows, np.int32)
+    bell, square = np.zeros(stride, np.float32), np.zeros(stride, np.float32)
+    row_bell, row_square = np.zeros(rows, np.float32), np.zeros(rows, np.float32)
+    bits = np.empty(max(rows, stride), np.int32)
+    spans, doubt, slow = np.empty((4, rows), np.int32), np.empty(rows, np.int32), np.empty(rows, np.bool_)
+    seen = np.zeros(((rows - part + parts - 1) // parts, stride + 1), np.int32)
+    front_runs, band_runs = np.empty((3, 8 * rows), np.int32), np.empty((4, 8 * rows), np.int32)
+    in_band, points = np.empty(beams, np.int64), np.empty((4, beams + 1), np.int64)
+    low, high = np.empty_like(axes.low), np.empty_like(axes.high)
+    fronts, bands, in_cells = np.empty(axes.axis.size), np.empty(axes.axis.size), np.empty(axes.axis.size)
+    turns, after = np.empty(0), np.empty(0, np.int64)
+    half, size, miss = sensor[HALF_WIDTH], place.size_m, np.float32(-sensor[MISS] * ONE)
+    near = np.float32(-sensor[MISS] * sensor[NEAR] * ONE)
+    is_sharp = _is_sharp(axes)
+    for i in range(scans.x_m.size):
+        x, y, heading = scans.x_m[i], scans.y_m[i], scans.heading_rad[i]
+        ranges, front_ends, band_ends = scans.range_m[i], scans.front_end_m[i], scans.band_end_m[i]
+        headings = axes.bearings_rad + heading
+        c, s = math.cos(heading), math.sin(heading)
+        _turned(c, s, axes.low, low)
+        _turned(c, s, axes.high, high)
+        farthest = 0.0
+        for j in range(axes.axis.size):
+            fronts[j], bands[j] = front_ends[axes.axis[j]] - TOLERANCE_M, band_ends[axes.axis[j]] + TOLERANCE_M
+            if not band_ends[axes.axis[j]] > front_ends[axes.axis[j]]:
+                bands[j] = -1.0
+            in_cells[j] = max(fronts[j], 0.0) / size
+            farthest = max(farthest, max(fronts[j], bands[j]))
+        slow[:] = not is_sharp
+        found = found_bands = 0
+        if is_sharp:
+            column, row_at = (x - place.origin_x_m) / size - 0.5 - place.col0, (y - place.origin_y_m) / size - 0.5 - place.row0
+            front_runs, found = _front_runs(
+                column, row_at, low, high, axes.joined, in_cells, rows, cols, part, parts, start, front_runs, slow,
+            )  # fmt: skip
+            band_runs, found_bands = _band_runs(
+                x, y, low, high, axes.axis, fronts, bands, place, rows, cols, band_runs, slow, spans, doubt,
+            )  # fmt: skip
+        if slow.any():
+            turns, after = _nearest_axes(headings)
+        _count_bands(band_runs, found_bands, slow, place, x, y, cols, turns, after, headings, half,
+                     front_ends, band_ends, in_band)  # fmt: skip
+        found_points = _point_cells(cells, place, x, y, headings, ranges, band_ends, in_band, part,
+                                    parts, cols, points)  # fmt: skip
+        is_plain = near == 0.0 and farthest < sensor[FADE] * FLAT
+        if not is_plain:
+            gaussians(place.col0, stride, np.int64(1), size, place.origin_x_m - x, sensor[FADE], bell, square, bits)
+            gaussians(place.row0, rows, np.int64(1), size, place.origin_y_m - y, sensor[FADE], row_bell, row_square, bits)
+        _add_front(cells, seen, front_runs, found, slow, columns, bell, square, row_bell, row_square,
+                   miss, near, is_plain, parts)  # fmt: skip
+        for k in range(found_bands):
+            row, a, b = band_runs[0, k], band_runs[1, k], band_runs[2, k]
+            if row % parts == part and not slow[row]:
+                mark(seen, row // parts, a, b, b, b, True)
+                hit = _hit_of(sensor, ranges[band_runs[3, k]])
+                add_plain_row(cells, row, columns, a, b, b, b, hit, hit)
+        for row in range(part, rows, parts):
+            if slow[row]:
+                _add_slow_row(cells, seen, row, place, x, y, cols, turns, after, headings, half,
+                              front_ends, band_ends, ranges, sensor, columns, bell, square,
+                              row_bell, row_square, miss, near, parts)  # fmt: skip
+        for k in range(found_points):
+            row, col = points[0, k], points[1, k]
+            hit = _hit_of(sensor, ranges[points[2, k]])
+            cells[row, col] = min(np.int32(np.int32(points[3, k]) + hit), HIGHEST)
+            mark(seen, row // parts, col, col, col, col + 1, True)
+    mark_seen(seen, observed, part, parts)
+
+
+@njit(cache=True, error_model="numpy")
+def _is_sharp(axes: ScanAxes) -> bool:
+    """Is every beam narrower than a half plane, so that a row meets it in one run?"""
+    for j in range(axes.axis.size):
+        across = axes.low[0, j] * axes.high[1, j] - axes.low[1, j] * axes.high[0, j]
+        along = axes.low[0, j] * axes.high[0, j] + axes.low[1, j] * axes.high[1, j]
+        if not (across > 1e-6 or (abs(across) <= 1e-6 and along > 0.0)):
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def _add_front(
+    cells: Steps, seen: Steps, runs: Steps, found: int, slow: Flags, columns: Steps, bell, square,
+    row_bell, row_square, miss: float, near: float, is_plain: bool, parts: int,
+) -> None:  # type: ignore[no-untyped-def]  # fmt: skip
+    """The runs of a scan's front."""
+    plain = np.int32(np.rint(max(miss, np.float32(-CLAMP))))
+    for k in range(found):
+        row, a, b = runs[0, k], runs[1, k], runs[2, k]
+        if slow[row]:
+            continue
+        if miss != 0.0:
+            mark(seen, row // parts, a, a, b, b, True)
+        if is_plain:
+            add_plain_row(cells, row, columns, a, a, b, b, plain, plain)
+        else:
+            add_row(cells, row, columns, bell, square, a, a, b, b, miss, near * row_bell[row],
+                    np.float32(1.0) + row_square[row], plain)  # fmt: skip
+
+
+@njit(cache=True, error_model="numpy")
+def _add_slow_row(
+    cells: Steps, seen: Steps, row: int, place: Place, x: float, y: float, cols: int,
+    turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
+    ranges: Floats, sensor: Floats, columns: Steps, bell, square, row_bell, row_square,
+    miss: float, near: float, parts: int,
+) -> None:  # type: ignore[no-untyped-def]  # fmt: skip
+    """One row of a scan, each cell looked at."""
+    dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - y
+    for col in range(cols):
+        dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - x
+        axis, is_band = _owner(dx, dy, turns, after, headings, half, fronts, bands)
+        if axis < 0:
+            continue
+        hit = _hit_of(sensor, ranges[axis])
+        if is_band or miss != 0.0:
+            mark(seen, row // parts, col, col, col, col + 1, True)
+        g = col if is_band else col + 1
+        add_row(cells, row, columns, bell, square, col, col, g, col + 1, miss,
+                near * row_bell[row], np.float32(1.0) + row_square[row], hit)  # fmt: skip
