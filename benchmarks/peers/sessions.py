@@ -98,3 +98,9 @@ def lidar(readings: int = 400) -> Session:
         "lidar", 0.05, (-1.0, -1.0), (33.0, 26.0), math.radians(1.0), 20.0,
         np.column_stack([x, y, heading]), ranges,
     )  # fmt: skip
+
+
+SESSIONS = {
+    "sonar": sonar, "infrared": infrared, "coarse-sonar": coarse_sonar,
+    "coarse-infrared": coarse_infrared, "lidar": lidar,
+}  # fmt: skip

@@ -49,40 +49,31 @@ def _row_range(
     return first + (part - first) % parts, int(math.floor(min(high, rows - 1.0))) + 1
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def _cross(
-    row: int, u: float, unsure: float, opens: bool, up: bool, cols: int, start: Steps, runs: Steps,
-    found: int, slow: Flags,
-) -> int:  # fmt: skip
-    """One crossing of a row's outline at column ``u``: remember it, or close the run it began."""
-    if abs(u - np.rint(u)) < unsure:
-        slow[row] = True
-    col = np.int32(math.ceil(min(max(u, 0.0), np.float64(cols))))
-    if opens:
-        start[row] = col
-        return found
-    a, b = (col, start[row]) if up else (start[row], col)
-    if b > a:
-        runs[0, found], runs[1, found], runs[2, found] = row, a, b
-        return found + 1
-    return found
-
-
 @njit(cache=True, error_model="numpy")
 def _along_ray(
     x: float, y: float, c: float, s: float, before: float, after: float, rows: int, cols: int,
     part: int, parts: int, start: Steps, runs: Steps, found: int, slow: Flags,
 ) -> int:  # fmt: skip
-    """Crossings of a ray where the front's end jumps from ``before`` to ``after`` cells."""
+    """Rows whose outline crosses a ray where the front's end jumps from ``before`` to ``after`` cells."""
     up, height = s > 0.0, abs(s)
     if before == after or height < 1e-12:
         return found
     first, end = _row_range(y, up, min(before, after) * height, max(before, after) * height, rows,
                             part, parts, slow)  # fmt: skip
+    opens, last = after > before, np.float64(cols)
     slope, unsure = c / s, _UNSURE + 2e-10 * max(before, after) / height
     for row in range(first, end, parts):
         u = x + (row - y) * slope
-        found = _cross(row, u, unsure, after > before, up, cols, start, runs, found, slow)
+        if abs(u - np.rint(u)) < unsure:
+            slow[row] = True
+        col = np.int32(math.ceil(min(max(u, 0.0), last)))
+        if opens:
+            start[row] = col
+            continue
+        a, b = (col, start[row]) if up else (start[row], col)
+        if b > a:
+            runs[0, found], runs[1, found], runs[2, found] = row, a, b
+            found += 1
     return found
 
 
@@ -96,7 +87,7 @@ def _along_arc(
         return found
     side = 1.0 if up else -1.0
     begins, ends = c0 * side > 0.0, c1 * side < 0.0  # before, and after the farthest row
-    unsure = _UNSURE + 1e-12 * radius * radius
+    unsure, last = _UNSURE + 1e-12 * radius * radius, np.float64(cols)
     for part_of_arc in range(2):
         opens = part_of_arc == 0
         if (opens and not begins) or (not opens and not ends):
@@ -107,9 +98,16 @@ def _along_arc(
         for row in range(first, end, parts):
             wide = math.sqrt(max(radius * radius - (row - y) * (row - y), 0.0))
             u = x + (side if opens else -side) * wide
-            if wide < 1e-3:
+            if wide < 1e-3 or abs(u - np.rint(u)) < unsure:
                 slow[row] = True
-            found = _cross(row, u, unsure, opens, up, cols, start, runs, found, slow)
+            col = np.int32(math.ceil(min(max(u, 0.0), last)))
+            if opens:
+                start[row] = col
+                continue
+            a, b = (col, start[row]) if up else (start[row], col)
+            if b > a:
+                runs[0, found], runs[1, found], runs[2, found] = row, a, b
+                found += 1
     return found
 
 
@@ -138,8 +136,8 @@ def _first_axis(low: Floats, high: Floats) -> int:
 def _front_runs(
     x: float, y: float, low: Floats, high: Floats, joined: Flags, fronts: Floats, rows: int,
     cols: int, part: int, parts: int, start: Steps, runs: Steps, slow: Flags,
-) -> tuple[Steps, int]:  # fmt: skip
-    """The runs (3, M) of a scan's front, row, first and after, and how many they are.
+) -> int:  # fmt: skip
+    """Fill ``runs`` (3, M) with a scan's front, row, first and after; how many, -1: too many.
 
     ``low`` and ``high`` (2, A) are cosine and sine of where beams begin and end, ``fronts`` (A,)
     the ends of their fronts in cells, 0 where there is none. Rows above the sensor are crossed
@@ -154,10 +152,8 @@ def _front_runs(
         across = ends_up and not begins_up  # goes through direction 0: ends first, begins last
         if n == count and not across:
             break
-        while found + 4 * rows > runs.shape[1]:
-            more = np.empty((3, 2 * runs.shape[1]), np.int32)
-            more[:, :found] = runs[:, :found]
-            runs = more
+        if found + 4 * rows > runs.shape[1]:
+            return -1
         if n > 0 or not across:
             before = fronts[j - 1] if joined[j] else 0.0
             found = _along_ray(x, y, c0, s0, before, radius, rows, cols, part, parts, start, runs,
@@ -177,15 +173,15 @@ def _front_runs(
         if n < count and not joined[(j + 1) % count]:
             found = _along_ray(x, y, high[0, j], high[1, j], radius, 0.0, rows, cols, part, parts,
                                start, runs, found, slow)  # fmt: skip
-    return runs, found
+    return found
 
 
 @njit(cache=True, error_model="numpy")
 def _band_runs(
     x: float, y: float, low: Floats, high: Floats, axis: Integers, fronts: Floats, bands: Floats,
     place: Place, rows: int, cols: int, runs: Steps, slow: Flags, spans: Steps, doubt: Steps,
-) -> tuple[Steps, int]:  # fmt: skip
-    """The runs (4, M) of a scan's bands, row, first, after and beam, and how many they are.
+) -> int:  # fmt: skip
+    """Fill ``runs`` (4, M) with a scan's bands, row, first, after and beam; how many, -1: too many.
 
     ``fronts`` and ``bands`` are in metres, tolerances included.
     """
@@ -206,10 +202,8 @@ def _band_runs(
         beam = Beam(x, y, 0.0, 0.0, 0.0, 0.0, 0.0, c0, s0, c1, s1, begin, end)
         box = (row0 + place.row0, row1 + place.row0, place.col0, place.col0 + cols)
         likely_spans(beam, place, box, np.int64(1), spans, doubt)
-        while found + 2 * rows > runs.shape[1]:
-            more = np.empty((4, 2 * runs.shape[1]), np.int32)
-            more[:, :found] = runs[:, :found]
-            runs = more
+        if found + 2 * rows > runs.shape[1]:
+            return -1
         for k in range(row1 - row0):
             slow[row0 + k] |= doubt[k] != 0
             for a, b in ((spans[0, k], spans[1, k]), (spans[2, k], spans[3, k])):
@@ -217,29 +211,30 @@ def _band_runs(
                     runs[0, found], runs[1, found] = row0 + k, a - place.col0
                     runs[2, found], runs[3, found] = b - place.col0, axis[j]
                     found += 1
-    return runs, found
+    return found
 
 
 @njit(cache=True, error_model="numpy")
-def _nearest_axes(headings: Floats) -> tuple[Floats, Integers]:
+def _nearest_axes(
+    axis: Integers, headings: Floats, turns: Floats, after: Integers, scratch: Floats
+) -> None:
     """Borders between neighbouring axes as numbers of ``turn_of``, ascending, and the axis after
-    each: those of the rasteriser."""
-    directions = headings % (2.0 * math.pi)
-    order = np.argsort(directions, kind="mergesort")
-    kept = np.empty(order.size, np.int64)
-    n = 0
-    for k in range(order.size):
-        if n == 0 or directions[order[k]] != directions[kept[n - 1]]:
-            kept[n] = order[k]
-            n += 1
-    turns, after = np.empty(n), np.empty(n, np.int64)
+    each: those of the rasteriser. The axes come in the order of their directions, so both lists
+    only have to be begun at their lowest."""
+    n, lowest, first = axis.size, 0, 0
     for k in range(n):
-        here = directions[kept[k]]
-        there = directions[kept[k + 1]] if k + 1 < n else directions[kept[0]] + 2.0 * math.pi
+        if headings[axis[k]] % (2.0 * math.pi) < headings[axis[lowest]] % (2.0 * math.pi):
+            lowest = k
+    for k in range(n):
+        here = headings[axis[(lowest + k) % n]] % (2.0 * math.pi)
+        there = headings[axis[(lowest + k + 1) % n]] % (2.0 * math.pi)
+        there += 2.0 * math.pi if k == n - 1 else 0.0
         middle = here + (there - here) / 2.0
-        turns[k], after[k] = turn_of(math.cos(middle), math.sin(middle)), kept[(k + 1) % n]
-    by_turn = np.argsort(turns, kind="mergesort")
-    return turns[by_turn], after[by_turn]
+        scratch[k] = turn_of(math.cos(middle), math.sin(middle))
+        first = k if scratch[k] < scratch[first] else first
+    for k in range(n):
+        turns[k] = scratch[(first + k) % n]
+        after[k] = axis[(lowest + first + k + 1) % n]
 
 
 @njit(cache=True, error_model="numpy")
@@ -251,8 +246,11 @@ def _owner(
 
     ``fronts`` and ``bands`` are the ends in metres, as the scan has them.
     """
-    k = np.searchsorted(turns, turn_of(dx, dy), side="right") - 1
-    axis = after[k if k >= 0 else turns.size - 1]
+    turn, low, high = turn_of(dx, dy), 0, turns.size
+    while low < high:  # how many borders lie at or before the place
+        middle = (low + high) // 2
+        low, high = (middle + 1, high) if turns[middle] <= turn else (low, middle)
+    axis = after[low - 1 if low > 0 else turns.size - 1]
     rho = math.sqrt(dx * dx + dy * dy)
     if rho > max(fronts[axis], bands[axis]) + TOLERANCE_M:
         return -1, False
@@ -287,7 +285,8 @@ def _count_bands(
     in_band: Integers,
 ) -> None:  # fmt: skip
     """How many cells of its band each beam owns."""
-    in_band[:] = 0
+    for axis in range(in_band.size):
+        in_band[axis] = 0
     for k in range(found):
         if not slow[runs[0, k]]:
             in_band[runs[3, k]] += runs[2, k] - runs[1, k]
@@ -320,7 +319,8 @@ def _point_cells(
         if 0 <= row < cells.shape[0] and 0 <= col < cols and row % parts == part:
             k = found  # kept in order as they come; of equal ranges the later one stays behind
             while k > 0 and ranges[points[2, k - 1]] < ranges[axis]:
-                points[:, k] = points[:, k - 1]
+                for n in range(4):
+                    points[n, k] = points[n, k - 1]
                 k -= 1
             points[0, k], points[1, k], points[2, k], points[3, k] = row, col, axis, cells[row, col]
             found += 1
@@ -347,53 +347,51 @@ def add_scans(
     front_runs, band_runs = np.empty((3, 8 * rows), np.int32), np.empty((4, 8 * rows), np.int32)
     in_band, points = np.empty(beams, np.int64), np.empty((4, beams + 1), np.int64)
     low, high = np.empty_like(axes.low), np.empty_like(axes.high)
-    fronts, bands, in_cells = np.empty(axes.axis.size), np.empty(axes.axis.size), np.empty(axes.axis.size)
-    turns, after = np.empty(0), np.empty(0, np.int64)
-    half, size, miss = sensor[HALF_WIDTH], place.size_m, np.float32(-sensor[MISS] * ONE)
-    near = np.float32(-sensor[MISS] * sensor[NEAR] * ONE)
-    is_sharp = _is_sharp(axes)
+    axis, joined, bearings = axes.axis, axes.joined, axes.bearings_rad
+    fronts, bands, in_cells = np.empty(axis.size), np.empty(axis.size), np.empty(axis.size)
+    turns, after, headings = np.empty(axis.size), np.empty(axis.size, np.int64), np.empty(beams)
+    half, size, is_sharp = sensor[HALF_WIDTH], place.size_m, _is_sharp(axes)
+    miss, near = np.float32(-sensor[MISS] * ONE), np.float32(-sensor[MISS] * sensor[NEAR] * ONE)
     for i in range(scans.x_m.size):
         x, y, heading = scans.x_m[i], scans.y_m[i], scans.heading_rad[i]
         ranges, front_ends, band_ends = scans.range_m[i], scans.front_end_m[i], scans.band_end_m[i]
-        headings = axes.bearings_rad + heading
-        c, s = math.cos(heading), math.sin(heading)
-        _turned(c, s, axes.low, low)
-        _turned(c, s, axes.high, high)
-        farthest = 0.0
-        for j in range(axes.axis.size):
-            fronts[j], bands[j] = front_ends[axes.axis[j]] - TOLERANCE_M, band_ends[axes.axis[j]] + TOLERANCE_M
-            if not band_ends[axes.axis[j]] > front_ends[axes.axis[j]]:
-                bands[j] = -1.0
-            in_cells[j] = max(fronts[j], 0.0) / size
-            farthest = max(farthest, max(fronts[j], bands[j]))
-        slow[:] = not is_sharp
-        found = found_bands = 0
-        if is_sharp:
-            column, row_at = (x - place.origin_x_m) / size - 0.5 - place.col0, (y - place.origin_y_m) / size - 0.5 - place.row0
-            front_runs, found = _front_runs(
-                column, row_at, low, high, axes.joined, in_cells, rows, cols, part, parts, start, front_runs, slow,
-            )  # fmt: skip
-            band_runs, found_bands = _band_runs(
-                x, y, low, high, axes.axis, fronts, bands, place, rows, cols, band_runs, slow, spans, doubt,
-            )  # fmt: skip
-        if slow.any():
-            turns, after = _nearest_axes(headings)
+        for k in range(beams):
+            headings[k] = bearings[k] + heading
+        _turned(math.cos(heading), math.sin(heading), axes.low, low)
+        _turned(math.cos(heading), math.sin(heading), axes.high, high)
+        farthest = _ends_of(axis, front_ends, band_ends, size, fronts, bands, in_cells)
+        found = found_bands = -1
+        while found < 0 or found_bands < 0:
+            for row in range(rows):
+                slow[row] = not is_sharp
+            if not is_sharp:
+                found = found_bands = 0
+                break
+            column = (x - place.origin_x_m) / size - 0.5 - place.col0
+            row_at = (y - place.origin_y_m) / size - 0.5 - place.row0
+            found = _front_runs(column, row_at, low, high, joined, in_cells, rows, cols, part,
+                                parts, start, front_runs, slow)  # fmt: skip
+            found_bands = _band_runs(x, y, low, high, axis, fronts, bands, place, rows, cols,
+                                     band_runs, slow, spans, doubt)  # fmt: skip
+            if found < 0:
+                front_runs = np.empty((3, 2 * front_runs.shape[1]), np.int32)
+            if found_bands < 0:
+                band_runs = np.empty((4, 2 * band_runs.shape[1]), np.int32)
+        if _any(slow):
+            _nearest_axes(axis, headings, turns, after, in_cells)
         _count_bands(band_runs, found_bands, slow, place, x, y, cols, turns, after, headings, half,
                      front_ends, band_ends, in_band)  # fmt: skip
         found_points = _point_cells(cells, place, x, y, headings, ranges, band_ends, in_band, part,
                                     parts, cols, points)  # fmt: skip
         is_plain = near == 0.0 and farthest < sensor[FADE] * FLAT
         if not is_plain:
-            gaussians(place.col0, stride, np.int64(1), size, place.origin_x_m - x, sensor[FADE], bell, square, bits)
-            gaussians(place.row0, rows, np.int64(1), size, place.origin_y_m - y, sensor[FADE], row_bell, row_square, bits)
-        _add_front(cells, seen, front_runs, found, slow, columns, bell, square, row_bell, row_square,
-                   miss, near, is_plain, parts)  # fmt: skip
-        for k in range(found_bands):
-            row, a, b = band_runs[0, k], band_runs[1, k], band_runs[2, k]
-            if row % parts == part and not slow[row]:
-                mark(seen, row // parts, a, b, b, b, True)
-                hit = _hit_of(sensor, ranges[band_runs[3, k]])
-                add_plain_row(cells, row, columns, a, b, b, b, hit, hit)
+            gaussians(place.col0, stride, np.int64(1), size, place.origin_x_m - x, sensor[FADE],
+                      bell, square, bits)  # fmt: skip
+            gaussians(place.row0, rows, np.int64(1), size, place.origin_y_m - y, sensor[FADE],
+                      row_bell, row_square, bits)  # fmt: skip
+        _add_front(cells, seen, front_runs, found, slow, columns, bell, square, row_bell,
+                   row_square, miss, near, is_plain, parts)  # fmt: skip
+        _add_bands(cells, seen, band_runs, found_bands, slow, columns, sensor, ranges, part, parts)
         for row in range(part, rows, parts):
             if slow[row]:
                 _add_slow_row(cells, seen, row, place, x, y, cols, turns, after, headings, half,
@@ -405,6 +403,51 @@ def add_scans(
             cells[row, col] = min(np.int32(np.int32(points[3, k]) + hit), HIGHEST)
             mark(seen, row // parts, col, col, col, col + 1, True)
     mark_seen(seen, observed, part, parts)
+
+
+@njit(cache=True, error_model="numpy")
+def _any(flags: Flags) -> bool:
+    for flag in flags:
+        if flag:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _ends_of(
+    axis: Integers, front_ends: Floats, band_ends: Floats, size: float, fronts: Floats,
+    bands: Floats, in_cells: Floats,
+) -> float:  # fmt: skip
+    """Ends of fronts and bands (A,) with their tolerance, and of the fronts in cells; the farthest.
+
+    A beam without a band gets -1 as its end.
+    """
+    farthest = 0.0
+    for j in range(axis.size):
+        front, band = front_ends[axis[j]], band_ends[axis[j]]
+        fronts[j], bands[j] = front - TOLERANCE_M, band + TOLERANCE_M if band > front else -1.0
+        in_cells[j] = max(fronts[j], 0.0) / size
+        farthest = max(farthest, max(fronts[j], bands[j]))
+    return farthest
+
+
+@njit(cache=True, error_model="numpy")
+def _add_bands(
+    cells: Steps, seen: Steps, runs: Steps, found: int, slow: Flags, columns: Steps,
+    sensor: Floats, ranges: Floats, part: int, parts: int,
+) -> None:  # fmt: skip
+    """The runs of a scan's bands."""
+    beam, hit = -1, np.int32(0)
+    for k in range(found):
+        row, a, b = runs[0, k], runs[1, k], runs[2, k]
+        if (parts > 1 and row % parts != part) or slow[row]:
+            continue
+        if runs[3, k] != beam:
+            beam = runs[3, k]
+            hit = _hit_of(sensor, ranges[beam])
+        mark(seen, row // parts, a, b, b, b, True)
+        for c in range(a, b):  # a few cells
+            cells[row, c] = min(np.int32(cells[row, c] + hit), HIGHEST)
 
 
 @njit(cache=True, error_model="numpy")
