@@ -85,10 +85,17 @@ def parts_of(beam, sensor, grid):
     return temp, whole(temp.window, temp.front, grid), whole(temp.window, temp.band, grid)
 
 
+def maybe_range(draw):
+    """A range, or nothing seen in one of ten."""
+    return draw.uniform(0, 1.4) if draw.uniform() < 0.9 else math.inf
+
+
 # Anything, and what lies on the lattice of the cells: borders through centres and corners.
 PLACES = st.floats(-1.3, 1.3) | st.integers(-44, 44).map(lambda k: k * 0.025)
 ANGLES = st.floats(-7.0, 7.0) | st.integers(-24, 24).map(lambda k: k * math.pi / 12)
-WIDTHS = st.floats(0.01, 6.28) | st.sampled_from([15, 30, 60, 90, 120, 180, 270, 360]).map(math.radians)
+WIDTHS = st.floats(0.01, 6.28) | st.sampled_from([15, 30, 60, 90, 120, 180, 270, 360]).map(
+    math.radians
+)
 RANGES = st.floats(0.0, 1.4) | st.integers(0, 28).map(lambda k: k * 0.05) | st.just(math.inf)
 ERRORS = st.floats(0.0, 0.3) | st.just(0.0)
 

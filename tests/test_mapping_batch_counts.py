@@ -17,11 +17,21 @@ from mapping.update_rules import start
 
 SEVERAL = [
     replace(PING, model="regions"),
-    replace(PING, model="regions", no_echo="empties", regions=18, gaussian="angle", beam_width_rad=0.05, range_error=0.0),
-    replace(PING, model="peak", gaussian="distance", emptiness="linear", range_error=0.02, p_miss=0.2),
+    replace(
+        PING,
+        model="regions",
+        no_echo="empties",
+        regions=18,
+        gaussian="angle",
+        beam_width_rad=0.05,
+        range_error=0.0,
+    ),
+    replace(
+        PING, model="peak", gaussian="distance", emptiness="linear", range_error=0.02, p_miss=0.2
+    ),
     replace(PING, model="regions", gaussian="none", emptiness="none", beam_width_rad=4.0),
     replace(PING, model="fading", no_echo="empties"),
-]  # fmt: skip
+]
 
 
 def random_readings(seed, count=250):
@@ -33,7 +43,7 @@ def random_readings(seed, count=250):
         heading = draw.uniform(-7, 7)
         if n % 4 == 0:  # on the lattice, straight or diagonal
             x, y, heading = round(x * 20) / 20, round(y * 20) / 20, round(heading) * math.pi / 4
-        d = draw.choice([draw.uniform(0, 1.4), math.inf], p=[0.9, 0.1])
+        d = cases.maybe_range(draw)
         beams.append(cases.beam_of(x, y, heading, d, SEVERAL[k]))
     return beams, which, cases.columns_of(beams, SEVERAL, which)
 
@@ -51,14 +61,24 @@ def band_table():
 
 
 def cell_tables():
-    return tables_of([
-        CellSensor(
-            s.beam_width_rad, s.model, s.emptiness, s.hit, s.miss, s.near, s.fade_m, s.p_hit,
-            s.p_miss, regions_table(s.regions) if s.gaussian in ("both", "angle") else np.ones(1),
-            regions_table(s.regions) if s.gaussian in ("both", "distance") else np.ones(1),
-        )
-        for s in SEVERAL
-    ])  # fmt: skip
+    return tables_of(
+        [
+            CellSensor(
+                s.beam_width_rad,
+                s.model,
+                s.emptiness,
+                s.hit,
+                s.miss,
+                s.near,
+                s.fade_m,
+                s.p_hit,
+                s.p_miss,
+                regions_table(s.regions) if s.gaussian in ("both", "angle") else np.ones(1),
+                regions_table(s.regions) if s.gaussian in ("both", "distance") else np.ones(1),
+            )
+            for s in SEVERAL
+        ]
+    )
 
 
 @pytest.mark.parametrize(("rule", "what"), [("count", counts.COUNT), ("binary", counts.BINARY)])
@@ -68,7 +88,9 @@ def test_counts_are_those_of_one_reading_after_the_other(rule, what, parts):
     expected, seen = one_by_one(rule, beams, which)
     values, observed = np.zeros(GRID.shape), np.zeros(GRID.shape, np.bool_)
     for part in range(parts):
-        counts.add_bands(values, observed, cases.place(GRID), readings, band_table(), what, part, parts)
+        counts.add_bands(
+            values, observed, cases.place(GRID), readings, band_table(), what, part, parts
+        )
     (expected,) = expected.values()
     assert expected.any()
     np.testing.assert_array_equal(values, expected)
@@ -87,9 +109,15 @@ def test_sums_and_masses_are_those_of_one_reading_after_the_other(rule, parts):
     observed = np.zeros(GRID.shape, np.bool_)
     for part in range(parts):
         cellwise.add_cellwise(
-            cells, observed, cases.place(GRID), readings, *cell_tables(),
-            cellwise.SUM if is_sum else cellwise.MASSES, part, parts,
-        )  # fmt: skip
+            cells,
+            observed,
+            cases.place(GRID),
+            readings,
+            *cell_tables(),
+            cellwise.SUM if is_sum else cellwise.MASSES,
+            part,
+            parts,
+        )
     for got, array in zip(cells, expected.values(), strict=True):
         np.testing.assert_allclose(got, array, rtol=0, atol=1e-12)
     np.testing.assert_array_equal(observed, seen)
@@ -102,9 +130,15 @@ def test_a_sum_of_regions_is_the_same_to_the_bit():
     expected, _ = one_by_one("sum", beams, which)
     cells, observed = np.zeros((1, *GRID.shape)), np.zeros(GRID.shape, np.bool_)
     cellwise.add_cellwise(
-        cells, observed, cases.place(GRID), cases.columns_of(beams, SEVERAL, which), *cell_tables(),
-        cellwise.SUM, 0, 1,
-    )  # fmt: skip
+        cells,
+        observed,
+        cases.place(GRID),
+        cases.columns_of(beams, SEVERAL, which),
+        *cell_tables(),
+        cellwise.SUM,
+        0,
+        1,
+    )
     np.testing.assert_array_equal(cells[0], expected["sum"])
 
 

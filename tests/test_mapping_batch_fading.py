@@ -52,10 +52,14 @@ def test_it_covers_the_cells_of_the_rasteriser(data, sensor):
 @pytest.mark.parametrize("resolution_m", [1 / 300, 0.01, 0.02])
 def test_it_covers_the_same_cells_of_fine_grids(resolution_m):
     draw = np.random.default_rng(1)
-    grid = GridGeometry((-0.5, -0.4), resolution_m, round(0.9 / resolution_m), round(1.1 / resolution_m))
+    grid = GridGeometry(
+        (-0.5, -0.4), resolution_m, round(0.9 / resolution_m), round(1.1 / resolution_m)
+    )
     for k in range(120):
         width = draw.choice([6.0, 38.0, 90.0, 120.0])
-        sensor = replace(PING, **{**FLAT, "before": 0.05, "behind": 0.1}, beam_width_rad=math.radians(width))
+        sensor = replace(
+            PING, **{**FLAT, "before": 0.05, "behind": 0.1}, beam_width_rad=math.radians(width)
+        )
         x, y = draw.uniform(-0.5, 0.6, 2)
         heading = draw.uniform(-4, 4)
         if k % 3 == 0:  # on the lattice, at 45 degrees
@@ -81,9 +85,11 @@ def test_its_values_are_the_models(data, sensor):
 def random_readings(draw, count, sensors):
     which = [int(k) for k in draw.integers(0, len(sensors), count)]
     beams = [
-        cases.beam_of(*draw.uniform(-1, 1, 2), draw.uniform(-7, 7), draw.choice([draw.uniform(0, 1.4), math.inf], p=[0.9, 0.1]), sensors[k])
+        cases.beam_of(
+            *draw.uniform(-1, 1, 2), draw.uniform(-7, 7), cases.maybe_range(draw), sensors[k]
+        )
         for k in which
-    ]  # fmt: skip
+    ]
     return beams, cases.columns_of(beams, sensors, which)
 
 
@@ -115,9 +121,14 @@ def test_one_reading_at_a_time_on_a_blank_window_gives_the_same_bytes():
             continue
         said, seen_here = steps.blank(window.rows, window.cols), observed[window.slices].copy()
         fading.add_fading(
-            said, seen_here, cases.window_place(GRID, window), cases.one(readings, i),
-            table_of(SEVERAL), 0, 1,
-        )  # fmt: skip
+            said,
+            seen_here,
+            cases.window_place(GRID, window),
+            cases.one(readings, i),
+            table_of(SEVERAL),
+            0,
+            1,
+        )
         steps.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= seen_here
     np.testing.assert_array_equal(cells, whole)

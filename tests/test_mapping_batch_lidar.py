@@ -24,15 +24,26 @@ FLAT = {"model": "fading", "hit": 2.0, "miss": 1.0, "near": 0.0, "fade_m": 1e9}
 def scan_of(x, y, heading, bearings, ranges, sensor, reach_m=cases.REACH_M):
     pose = SE2(x, y, heading)
     return Beam(
-        number=0, t_ns=0, sensor="lidar", layer="made", world_from_base=pose,
-        world_from_sensor=pose, bearings_rad=np.asarray(bearings, float),
-        ranges_m=np.asarray(ranges, float), beam_width_rad=sensor.beam_width_rad, reach_m=reach_m,
-    )  # fmt: skip
+        number=0,
+        t_ns=0,
+        sensor="lidar",
+        layer="made",
+        world_from_base=pose,
+        world_from_sensor=pose,
+        bearings_rad=np.asarray(bearings, float),
+        ranges_m=np.asarray(ranges, float),
+        beam_width_rad=sensor.beam_width_rad,
+        reach_m=reach_m,
+    )
 
 
 def columns_of(beams, sensor):
-    poses = np.array([[b.world_from_sensor.x_m, b.world_from_sensor.y_m,
-                       b.world_from_sensor.heading_rad] for b in beams])  # fmt: skip
+    poses = np.array(
+        [
+            [b.world_from_sensor.x_m, b.world_from_sensor.y_m, b.world_from_sensor.heading_rad]
+            for b in beams
+        ]
+    )
     x, y, heading = (np.ascontiguousarray(column) for column in poses.T)
     ranges = np.array([b.ranges_m for b in beams])
     ends = ends_of(ranges, cases.REACH_M, sensor.before, sensor.behind, sensor.no_echo == "empties")
@@ -45,7 +56,9 @@ def map_of(beams, sensor, grid=GRID, parts=1):
     row = np.array([half, sensor.hit, sensor.miss, sensor.near, sensor.fade_m])
     axes = scan_axes(beams[0].bearings_rad, half)
     for part in range(parts):
-        lidar.add_scans(cells, observed, cases.place(grid), columns_of(beams, sensor), axes, row, part, parts)
+        lidar.add_scans(
+            cells, observed, cases.place(grid), columns_of(beams, sensor), axes, row, part, parts
+        )
     assert not cells[:, grid.cols :].any()
     return cells[:, : grid.cols], observed
 
@@ -64,7 +77,9 @@ def scans(draw, sensor):
     step = draw(st.sampled_from([0.02, math.pi / 36, math.pi / 12, 2 * math.pi / beams]))
     ranges = draw(st.lists(cases.RANGES | st.just(math.nan), min_size=beams, max_size=beams))
     bearings = (np.arange(beams) - draw(st.sampled_from([0.0, beams / 2, (beams - 1) / 2]))) * step
-    return scan_of(draw(cases.PLACES), draw(cases.PLACES), draw(cases.ANGLES), bearings, ranges, sensor)
+    return scan_of(
+        draw(cases.PLACES), draw(cases.PLACES), draw(cases.ANGLES), bearings, ranges, sensor
+    )
 
 
 WIDTHS = st.sampled_from([0.01, math.pi / 36, 0.1, math.pi / 12, 0.5, 1.5])
@@ -89,8 +104,19 @@ def made_scans(count, beams=90, seed=1):
     return out
 
 
-LASER = replace(PING, model="fading", layer="made", beam_width_rad=math.radians(2.0), hit=2.2,
-                miss=0.85, near=0.0, before=0.015, behind=0.015, fade_m=1e9, no_echo="empties")  # fmt: skip
+LASER = replace(
+    PING,
+    model="fading",
+    layer="made",
+    beam_width_rad=math.radians(2.0),
+    hit=2.2,
+    miss=0.85,
+    near=0.0,
+    before=0.015,
+    behind=0.015,
+    fade_m=1e9,
+    no_echo="empties",
+)
 
 
 def test_it_covers_the_same_cells_of_a_fine_grid():
@@ -102,12 +128,14 @@ def test_it_covers_the_same_cells_of_a_fine_grid():
 @pytest.mark.parametrize("sensor", [LASER, replace(LASER, near=5.0, fade_m=0.7, miss=0.1)])
 def test_its_values_are_the_models(sensor):
     for beam in made_scans(15, seed=2):
-        temp, front, band = cases.parts_of(beam, sensor, GRID)
+        temp, _front, _band = cases.parts_of(beam, sensor, GRID)
         cells, _ = map_of([beam], sensor)
         expected = np.zeros(GRID.shape)
         p = temp.probability
         expected[temp.window.slices] = np.log(p) - np.log1p(-p)
-        assert (np.abs(cells - expected * steps.ONE) <= 1.0 + 5e-7 * steps.ONE * np.abs(expected)).all()
+        assert (
+            np.abs(cells - expected * steps.ONE) <= 1.0 + 5e-7 * steps.ONE * np.abs(expected)
+        ).all()
 
 
 @pytest.mark.parametrize("parts", [2, 3])
@@ -131,9 +159,15 @@ def test_one_scan_at_a_time_on_a_blank_window_gives_the_same_bytes():
             continue
         said, here = steps.blank(window.rows, window.cols), observed[window.slices].copy()
         lidar.add_scans(
-            said, here, cases.window_place(GRID, window), columns_of([beam], LASER),
-            scan_axes(beam.bearings_rad, half), row, 0, 1,
-        )  # fmt: skip
+            said,
+            here,
+            cases.window_place(GRID, window),
+            columns_of([beam], LASER),
+            scan_axes(beam.bearings_rad, half),
+            row,
+            0,
+            1,
+        )
         steps.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= here
     np.testing.assert_array_equal(cells, whole)

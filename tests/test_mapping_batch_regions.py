@@ -26,7 +26,9 @@ def tables_for(sensors):
         angle = regions_table(s.regions) if s.gaussian in ("both", "angle") else np.ones(1)
         distance = regions_table(s.regions) if s.gaussian in ("both", "distance") else np.ones(1)
         if s.model == "peak":
-            out.append(peak_sensor(s.beam_width_rad, s.emptiness, angle, distance, s.p_hit, s.p_miss))
+            out.append(
+                peak_sensor(s.beam_width_rad, s.emptiness, angle, distance, s.p_hit, s.p_miss)
+            )
         else:
             out.append(regions_sensor(s.beam_width_rad, s.emptiness, angle, distance))
     return tables_of(out)
@@ -52,7 +54,7 @@ def expected_steps(probability):
 @settings(max_examples=500, deadline=None)
 def test_a_reading_says_what_the_model_says(data, sensor):
     beam = data.draw(cases.beams(sensor))
-    temp, front, band = cases.parts_of(beam, sensor, GRID)
+    _temp, front, band = cases.parts_of(beam, sensor, GRID)
     cells, observed = map_of(cases.columns_of([beam], [sensor]), [sensor])
     says = sensor.emptiness != "none" and (sensor.model == "regions" or sensor.p_miss != 0.5)
     np.testing.assert_array_equal(observed, band | (front & says))
@@ -60,7 +62,11 @@ def test_a_reading_says_what_the_model_says(data, sensor):
     twin = naive_temp_grid(beam, sensor, GRID)
     expected = expected_steps(twin.probability)
     # Near certainty log-odds are steep: there 1e-9 of probability are many steps.
-    near = 3.0 + 4e-7 * np.abs(expected) + 1e-9 * steps.ONE / (twin.probability * (1 - twin.probability) + 1e-12)
+    near = (
+        3.0
+        + 4e-7 * np.abs(expected)
+        + 1e-9 * steps.ONE / (twin.probability * (1 - twin.probability) + 1e-12)
+    )
     # The sensor's own cell has any direction where the sensor stands on its centre.
     sure = ~twin.unsure & ((twin.front | twin.band) == (front | band))
     assert (np.abs(cells - expected) <= near)[sure].all()
@@ -68,18 +74,24 @@ def test_a_reading_says_what_the_model_says(data, sensor):
 
 SEVERAL = [
     replace(PING, model="regions"),
-    replace(PING, model="regions", no_echo="empties", regions=60, gaussian="angle", beam_width_rad=1.5),
-    replace(PING, model="peak", gaussian="distance", emptiness="linear", range_error=0.02, p_miss=0.2),
+    replace(
+        PING, model="regions", no_echo="empties", regions=60, gaussian="angle", beam_width_rad=1.5
+    ),
+    replace(
+        PING, model="peak", gaussian="distance", emptiness="linear", range_error=0.02, p_miss=0.2
+    ),
     replace(PING, model="regions", gaussian="none", emptiness="constant", beam_width_rad=4.0),
-]  # fmt: skip
+]
 
 
 def random_readings(draw, count):
     which = [int(k) for k in draw.integers(0, len(SEVERAL), count)]
     beams = [
-        cases.beam_of(*draw.uniform(-1, 1, 2), draw.uniform(-7, 7), draw.choice([draw.uniform(0, 1.4), math.inf], p=[0.9, 0.1]), SEVERAL[k])
+        cases.beam_of(
+            *draw.uniform(-1, 1, 2), draw.uniform(-7, 7), cases.maybe_range(draw), SEVERAL[k]
+        )
         for k in which
-    ]  # fmt: skip
+    ]
     return beams, cases.columns_of(beams, SEVERAL, which)
 
 
@@ -102,9 +114,14 @@ def test_one_reading_at_a_time_on_a_blank_window_gives_the_same_bytes():
             continue
         said, here = steps.blank(window.rows, window.cols), observed[window.slices].copy()
         regions.add_regions(
-            said, here, cases.window_place(GRID, window), cases.one(readings, i),
-            *tables_for(SEVERAL), 0, 1,
-        )  # fmt: skip
+            said,
+            here,
+            cases.window_place(GRID, window),
+            cases.one(readings, i),
+            *tables_for(SEVERAL),
+            0,
+            1,
+        )
         steps.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= here
     np.testing.assert_array_equal(cells, whole)

@@ -33,8 +33,8 @@ def built_mrpt(folder: Path) -> Path | None:
     includes = [f"-isystem{path}" for path in sorted(Path("/usr/include/mrpt").glob("*/include"))]
     libraries = ("maps", "obs", "poses", "math", "core", "rtti", "serialization", "system")
     program = folder / "mrpt_peer"
-    command = ["g++", "-O3", "-march=native", "-std=c++17", *includes, "-isystem/usr/include/eigen3",
-               str(Path(__file__).with_name("mrpt_peer.cpp")), "-o", str(program),
+    command = ["g++", "-O3", "-march=native", "-std=c++17", *includes,
+               "-isystem/usr/include/eigen3", str(Path(__file__).with_name("mrpt_peer.cpp")), "-o", str(program),
                *(f"-lmrpt-{name}" for name in libraries)]  # fmt: skip
     try:
         subprocess.run(command, check=True, capture_output=True)
@@ -48,7 +48,7 @@ def mrpt(program: Path, session: Session, kind: int, folder: Path) -> Race:
     file = folder / f"{session.name.replace(' ', '')}-{kind}.bin"
     (x0, y0), (x1, y1) = session.low_m, session.high_m
     head = [kind, session.resolution_m, x0 - MARGIN_M, x1 + MARGIN_M, y0 - MARGIN_M, y1 + MARGIN_M,
-            session.beam_width_rad, session.reach_m, len(session.poses), session.ranges_m.shape[1]]  # fmt: skip
+            session.beam_width_rad, session.reach_m, *session.ranges_m.shape]  # fmt: skip
     np.concatenate([head, np.hstack([session.poses, session.ranges_m]).ravel()]).tofile(file)
     process = subprocess.Popen(
         [program, file], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
@@ -141,9 +141,7 @@ def racers_of(
         factors = regions_table(count)
         tables = tables_of([regions_sensor(session.beam_width_rad, "combined", factors, factors)])
         racers[f"regions {count}"] = cpu(
-            lambda tables=tables: regions.add_regions(
-                cells, observed, place, banded, *tables, 0, 1
-            )
+            lambda tables=tables: regions.add_regions(cells, observed, place, banded, *tables, 0, 1)
         )
     if harness is not None:
         racers["MRPT cone"] = mrpt(harness, session, 0, folder)
@@ -200,7 +198,11 @@ def numpy_twin(beliefs: NDArray[np.float64], session: Session, model: dict[str, 
 
 def python_twin(beliefs: list[list[float]], session: Session, model: dict[str, float]) -> None:
     """The same for the first reading, cell by cell, without any library."""
-    (x, y, heading), d, size = session.poses[0].tolist(), float(session.ranges_m[0, 0]), session.resolution_m
+    (x, y, heading), d, size = (
+        session.poses[0].tolist(),
+        float(session.ranges_m[0, 0]),
+        session.resolution_m,
+    )
     reach = d * (1.0 + model["behind"])
     for r, line in enumerate(beliefs):
         dy = session.low_m[1] + (r + 0.5) * size - y

@@ -6,17 +6,36 @@ Cell by cell in float64, with the very formulas and the order of one reading aft
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from mapping.kernels.batch.cell_tables import (
-    A_MAX, EMPTINESS, FADE, HALF_WIDTH, HIT, MISS, MODEL, NEAR, P_HIT, P_MISS, Q_MAX,
+    A_MAX,
+    EMPTINESS,
+    FADE,
+    HALF_WIDTH,
+    HIT,
+    MISS,
+    MODEL,
+    NEAR,
+    P_HIT,
+    P_MISS,
+    Q_MAX,
 )  # fmt: skip
 from mapping.kernels.batch.fading import NEAR_M
 from mapping.kernels.batch.readings import Place, Readings
-from mapping.kernels.batch.spans import BAND, OUTSIDE, Beam, beam_of, box_of, part_of_beam, point_cell
+from mapping.kernels.batch.spans import (
+    BAND,
+    OUTSIDE,
+    Beam,
+    beam_of,
+    box_of,
+    part_of_beam,
+    point_cell,
+)
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -26,19 +45,19 @@ _FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown
 
 
 @njit(cache=True, error_model="numpy")
-def _expit(x: float) -> float:
+def _expit(x: float) -> Any:
     return 1.0 / (1.0 + math.exp(-x))
 
 
 @njit(cache=True, error_model="numpy")
-def _region(table: Floats, fraction: float) -> float:
+def _region(table: Floats, fraction: float) -> Any:
     """The factor of the region that holds a fraction of the way across."""
     at = math.floor(min(max(fraction, 0.0), 1.0) * table.size)
     return table[min(max(at, 0), table.size - 1)]
 
 
 @njit(cache=True, error_model="numpy")
-def _emptiness(kind: float, t: float) -> float:
+def _emptiness(kind: float, t: float) -> Any:
     """-1 (surely empty) .. 0 (nothing said) at t = 0 .. 1 of the way to the band."""
     if kind == 1.0:
         return -1.0
@@ -51,7 +70,7 @@ def _emptiness(kind: float, t: float) -> float:
 def probability(
     sensor: Floats, angle: Floats, distance: Floats, rho: float, alpha: float, in_band: bool,
     range_m: float, start_m: float, end_m: float,
-) -> float:  # fmt: skip
+) -> Any:  # fmt: skip
     """What a reading says of one cell: that it is occupied with this probability."""
     if sensor[MODEL] == 2.0:
         if in_band:
@@ -95,7 +114,9 @@ def _floored(occupied: float, empty: float, unknown: float) -> tuple[float, floa
 
 
 @njit(cache=True, error_model="numpy")
-def _merge(cells: Floats, observed: Flags, row: int, col: int, p: float, in_band: bool, rule: int) -> None:
+def _merge(
+    cells: Floats, observed: Flags, row: int, col: int, p: float, in_band: bool, rule: int
+) -> None:
     """One cell of one reading."""
     if in_band or p != 0.5:
         observed[row, col] = True
@@ -122,7 +143,8 @@ def _add_reading(
                 continue
             along, across = dx * beam.cos + dy * beam.sin, dy * beam.cos - dx * beam.sin
             p = probability(sensor, angle, distance, math.sqrt(dx * dx + dy * dy),
-                            math.atan2(across, along), found == BAND, range_m, start_m, end_m)  # fmt: skip
+                            math.atan2(across, along), found == BAND, range_m, start_m,
+                            end_m)  # fmt: skip
             _merge(cells, observed, r, c, p, found == BAND, rule)
 
 
@@ -144,9 +166,13 @@ def add_cellwise(
         name = names[i]
         sensor, angle, distance = sensors[name], angles[name], distances[name]
         beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], sensor[HALF_WIDTH])
-        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt)
+        row, col = point_cell(
+            beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt
+        )
         _add_reading(cells, observed, place, beam, sensor, angle, distance, ranges[i], fronts[i],
                      bands[i], rule, part, parts, row, col)  # fmt: skip
         if row >= 0:
-            p = probability(sensor, angle, distance, ranges[i], 0.0, True, ranges[i], fronts[i], bands[i])
+            p = probability(
+                sensor, angle, distance, ranges[i], 0.0, True, ranges[i], fronts[i], bands[i]
+            )
             _merge(cells, observed, row, col, p, True, rule)

@@ -11,7 +11,15 @@ from numpy.typing import NDArray
 
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.spans import (
-    BAND, OUTSIDE, WIDEST_RAD, Beam, beam_of, box_of, mark, part_of_beam, point_cell,
+    BAND,
+    OUTSIDE,
+    WIDEST_RAD,
+    Beam,
+    beam_of,
+    box_of,
+    mark,
+    part_of_beam,
+    point_cell,
     spans_of_rows,
 )  # fmt: skip
 from mapping.kernels.batch.steps import mark_seen
@@ -70,7 +78,9 @@ def add_bands(
     for i in range(xs.size):
         half, says_front = sensors[names[i], HALF_WIDTH], sensors[names[i], SAYS_FRONT] != 0.0
         beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], half)
-        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt)
+        row, col = point_cell(
+            beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt
+        )
         if row >= 0:
             mark(seen, row // parts, col, col, col, col + 1, True)
             _gain(values, row, col, col + 1, what)

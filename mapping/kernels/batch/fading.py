@@ -9,6 +9,7 @@ float32, then whole steps.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -16,7 +17,15 @@ from numpy.typing import NDArray
 
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.spans import (
-    FRONT, OUTSIDE, WIDEST_RAD, Beam, beam_of, box_of, mark, part_of_beam, point_cell,
+    FRONT,
+    OUTSIDE,
+    WIDEST_RAD,
+    Beam,
+    beam_of,
+    box_of,
+    mark,
+    part_of_beam,
+    point_cell,
     spans_of_rows,
 )  # fmt: skip
 from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE, mark_seen
@@ -28,13 +37,13 @@ Flags = NDArray[np.bool_]
 
 NEAR_M = 0.35  # within this distance of the sensor emptiness is surer
 HALF_WIDTH, HIT, MISS, NEAR, FADE = range(5)  # columns of the table of sensors
-_LEAST = np.float32(-CLAMP)
+_LEAST: Any = np.float32(-CLAMP)
 _LOWEST_EXPONENT = np.float32(-126.0)
 # 2^u on -0.5 .. 0.5, within 1 ulp: the coefficients of u, u^2, ...
 _E1, _E2, _E3 = np.float32(0.6931472), np.float32(0.24022651), np.float32(0.05550411)
 _E4, _E5, _E6 = np.float32(0.009618129), np.float32(0.0013333558), np.float32(0.00015403530)
 _UNIT, _BIAS, _MANTISSA_BITS = np.float32(1.0), np.int32(127), np.int32(23)
-_NOTHING = np.int32(0)
+_NOTHING: Any = np.int32(0)
 FLAT = 2.0**-13  # of the fading distance: up to here 1 + (rho / fade)^2 is 1 in float32
 
 
@@ -68,7 +77,7 @@ def gaussians(
 @njit(cache=True, error_model="numpy", forceinline=True)
 def add_row(
     cells: Steps, row: int, columns: Steps, bell: Singles, square: Singles,
-    a: int, f: int, g: int, b: int, miss: float, near: float, depth: float, hit: int,
+    a: int, f: int, g: int, b: int, miss: float, near: float, depth: float, hit: Any,
 ) -> None:  # fmt: skip
     """One row: a to f - 1 band, f to g - 1 front, g to b - 1 band; outside 0 is added."""
     groups = a >> 4
@@ -89,7 +98,7 @@ def add_row(
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def add_plain_row(
-    cells: Steps, row: int, columns: Steps, a: int, f: int, g: int, b: int, miss: int, hit: int
+    cells: Steps, row: int, columns: Steps, a: int, f: int, g: int, b: int, miss: Any, hit: Any
 ) -> None:
     """The same where all cells in front lose as much."""
     groups = a >> 4
@@ -110,13 +119,18 @@ def add_plain_row(
 def _add_rows(
     cells: Steps, seen: Steps, first: int, first_seen: int, step: int, shift: int, rows: int,
     spans: Steps, columns: Steps, bell: Singles, square: Singles, row_bell: Singles,
-    row_square: Singles, miss: float, near: float, hit: int, is_plain: bool,
+    row_square: Singles, miss: Any, near: Any, hit: Any, is_plain: bool,
 ) -> None:  # fmt: skip
     """The spans of some rows of one reading."""
     says_front = miss != 0.0
     plain = np.int32(np.rint(max(miss, _LEAST)))
     for k in range(rows):
-        a, f, g, b = spans[0, k] - shift, spans[1, k] - shift, spans[2, k] - shift, spans[3, k] - shift
+        a, f, g, b = (
+            spans[0, k] - shift,
+            spans[1, k] - shift,
+            spans[2, k] - shift,
+            spans[3, k] - shift,
+        )
         if b <= a:
             continue
         mark(seen, first_seen + k, a, f, g, b, says_front)
@@ -142,8 +156,8 @@ def _add_wedge(
     is_plain = near == 0.0 and beam.limit < fade * FLAT
     if not is_plain:
         start, end = (col0 - place.col0) // LANES * LANES, -((place.col0 - col1) // LANES) * LANES
-        gaussians(start + place.col0, end - start, np.int64(1), place.size_m, place.origin_x_m - beam.x,
-                  fade, bell[start:end], square[start:end], bits)  # fmt: skip
+        gaussians(start + place.col0, end - start, np.int64(1), place.size_m,
+                  place.origin_x_m - beam.x, fade, bell[start:end], square[start:end], bits)  # fmt: skip
         gaussians(row0, rows, parts, place.size_m, place.origin_y_m - beam.y,
                   fade, row_bell, row_square, bits)  # fmt: skip
     first = row0 - place.row0
@@ -161,9 +175,29 @@ def _add_wide(
     row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
     row0 += (part - (row0 - place.row0)) % parts
     size = place.size_m
-    gaussians(place.col0, bell.size, np.int64(1), size, place.origin_x_m - beam.x, fade, bell, square, bits)
+    gaussians(
+        place.col0,
+        bell.size,
+        np.int64(1),
+        size,
+        place.origin_x_m - beam.x,
+        fade,
+        bell,
+        square,
+        bits,
+    )
     for row in range(row0, row1, parts):
-        gaussians(row, np.int64(1), np.int64(1), size, place.origin_y_m - beam.y, fade, row_bell, row_square, bits)
+        gaussians(
+            row,
+            np.int64(1),
+            np.int64(1),
+            size,
+            place.origin_y_m - beam.y,
+            fade,
+            row_bell,
+            row_square,
+            bits,
+        )
         dy, own = (row + 0.5) * size + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
             found = part_of_beam(beam, (col + 0.5) * size + place.origin_x_m - beam.x, dy)

@@ -11,13 +11,22 @@ is looked at again, cell by cell, with the rasteriser's predicate.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from mapping.kernels.batch.fading import (
-    FADE, FLAT, HALF_WIDTH, HIT, MISS, NEAR, add_plain_row, add_row, gaussians,
+    FADE,
+    FLAT,
+    HALF_WIDTH,
+    HIT,
+    MISS,
+    NEAR,
+    add_plain_row,
+    add_row,
+    gaussians,
 )  # fmt: skip
 from mapping.kernels.batch.readings import Place, ScanAxes, Scans
 from mapping.kernels.batch.spans import Beam, likely_spans, mark
@@ -26,6 +35,7 @@ from mapping.kernels.footprints import TOLERANCE_M, _in_beam, turn_of
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Singles = NDArray[np.float32]
 Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
@@ -45,8 +55,8 @@ def _row_range(
         nearest = np.rint(end)
         if abs(end - nearest) < _UNSURE and 0.0 <= nearest < rows:
             slow[int(nearest)] = True
-    first = int(math.ceil(max(low, 0.0)))
-    return first + (part - first) % parts, int(math.floor(min(high, rows - 1.0))) + 1
+    first = math.ceil(max(low, 0.0))
+    return first + (part - first) % parts, math.floor(min(high, rows - 1.0)) + 1
 
 
 @njit(cache=True, error_model="numpy")
@@ -54,7 +64,7 @@ def _along_ray(
     x: float, y: float, c: float, s: float, before: float, after: float, rows: int, cols: int,
     part: int, parts: int, start: Steps, runs: Steps, found: int, slow: Flags,
 ) -> int:  # fmt: skip
-    """Rows whose outline crosses a ray where the front's end jumps from ``before`` to ``after`` cells."""
+    """Rows whose outline crosses a ray where the front's end jumps, in cells."""
     up, height = s > 0.0, abs(s)
     if before == after or height < 1e-12:
         return found
@@ -123,7 +133,10 @@ def _first_axis(low: Floats, high: Floats) -> int:
     """The beam that direction 0 goes through, or the next one."""
     first, nearest = 0, 5.0
     for j in range(low.shape[1]):
-        begins_up, ends_up = _is_up(low[0, j], low[1, j], True), _is_up(high[0, j], high[1, j], False)
+        begins_up, ends_up = (
+            _is_up(low[0, j], low[1, j], True),
+            _is_up(high[0, j], high[1, j], False),
+        )
         if ends_up and not begins_up:
             return j
         turn = 1.0 - low[0, j] if begins_up else 3.0 + low[0, j]
@@ -193,8 +206,8 @@ def _band_runs(
             continue
         c0, s0, c1, s1 = low[0, j], low[1, j], high[0, j], high[1, j]
         inner = max(begin, 0.0)
-        top = end if c0 >= 0.0 >= c1 else max(max(end * s0, end * s1), max(inner * s0, inner * s1))
-        bottom = -end if c0 <= 0.0 <= c1 else min(min(end * s0, end * s1), min(inner * s0, inner * s1))
+        top = end if c0 >= 0.0 >= c1 else max(end * s0, end * s1, inner * s0, inner * s1)
+        bottom = -end if c0 <= 0.0 <= c1 else min(end * s0, end * s1, inner * s0, inner * s1)
         row0 = int(max(math.ceil(y_row + bottom / size - 1e-4), 0.0))
         row1 = int(min(math.floor(y_row + top / size + 1e-4), rows - 1.0)) + 1
         if row1 <= row0:
@@ -272,7 +285,7 @@ def _turned(c: float, s: float, unit: Floats, out: Floats) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _hit_of(sensor: Floats, range_m: float) -> int:
+def _hit_of(sensor: Floats, range_m: float) -> Any:
     """Steps that a cell in the band gains."""
     faded = range_m / sensor[FADE]
     return np.int32(np.rint(min(sensor[HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
@@ -313,7 +326,10 @@ def _point_cells(
     for axis in range(headings.size):
         if in_band[axis] > 0 or bands[axis] < 0.0:
             continue
-        px, py = x + ranges[axis] * math.cos(headings[axis]), y + ranges[axis] * math.sin(headings[axis])
+        px, py = (
+            x + ranges[axis] * math.cos(headings[axis]),
+            y + ranges[axis] * math.sin(headings[axis]),
+        )
         col = math.floor((px - place.origin_x_m) / place.size_m) - place.col0
         row = math.floor((py - place.origin_y_m) / place.size_m) - place.row0
         if 0 <= row < cells.shape[0] and 0 <= col < cols and row % parts == part:
@@ -342,7 +358,11 @@ def add_scans(
     bell, square = np.zeros(stride, np.float32), np.zeros(stride, np.float32)
     row_bell, row_square = np.zeros(rows, np.float32), np.zeros(rows, np.float32)
     bits = np.empty(max(rows, stride), np.int32)
-    spans, doubt, slow = np.empty((4, rows), np.int32), np.empty(rows, np.int32), np.empty(rows, np.bool_)
+    spans, doubt, slow = (
+        np.empty((4, rows), np.int32),
+        np.empty(rows, np.int32),
+        np.empty(rows, np.bool_),
+    )
     seen = np.zeros(((rows - part + parts - 1) // parts, stride + 1), np.int32)
     front_runs, band_runs = np.empty((3, 8 * rows), np.int32), np.empty((4, 8 * rows), np.int32)
     in_band, points = np.empty(beams, np.int64), np.empty((4, beams + 1), np.int64)
@@ -407,10 +427,10 @@ def add_scans(
 
 @njit(cache=True, error_model="numpy")
 def _any(flags: Flags) -> bool:
-    for flag in flags:
-        if flag:
-            return True
-    return False
+    found = False
+    for k in range(flags.size):
+        found |= flags[k]
+    return found
 
 
 @njit(cache=True, error_model="numpy")
@@ -427,7 +447,7 @@ def _ends_of(
         front, band = front_ends[axis[j]], band_ends[axis[j]]
         fronts[j], bands[j] = front - TOLERANCE_M, band + TOLERANCE_M if band > front else -1.0
         in_cells[j] = max(fronts[j], 0.0) / size
-        farthest = max(farthest, max(fronts[j], bands[j]))
+        farthest = max(farthest, fronts[j], bands[j])
     return farthest
 
 
@@ -463,9 +483,10 @@ def _is_sharp(axes: ScanAxes) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def _add_front(
-    cells: Steps, seen: Steps, runs: Steps, found: int, slow: Flags, columns: Steps, bell, square,
-    row_bell, row_square, miss: float, near: float, is_plain: bool, parts: int,
-) -> None:  # type: ignore[no-untyped-def]  # fmt: skip
+    cells: Steps, seen: Steps, runs: Steps, found: int, slow: Flags, columns: Steps,
+    bell: Singles, square: Singles, row_bell: Singles, row_square: Singles, miss: Any,
+    near: Any, is_plain: bool, parts: int,
+) -> None:  # fmt: skip
     """The runs of a scan's front."""
     plain = np.int32(np.rint(max(miss, np.float32(-CLAMP))))
     for k in range(found):
@@ -485,9 +506,10 @@ def _add_front(
 def _add_slow_row(
     cells: Steps, seen: Steps, row: int, place: Place, x: float, y: float, cols: int,
     turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
-    ranges: Floats, sensor: Floats, columns: Steps, bell, square, row_bell, row_square,
+    ranges: Floats, sensor: Floats, columns: Steps, bell: Singles,
+    square: Singles, row_bell: Singles, row_square: Singles,
     miss: float, near: float, parts: int,
-) -> None:  # type: ignore[no-untyped-def]  # fmt: skip
+) -> None:  # fmt: skip
     """One row of a scan, each cell looked at."""
     dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - y
     for col in range(cols):

@@ -93,9 +93,7 @@ class Place(NamedTuple):
     col0: int
 
 
-def place_of(
-    origin_m: tuple[float, float], size_m: float, row0: int = 0, col0: int = 0
-) -> Place:
+def place_of(origin_m: tuple[float, float], size_m: float, row0: int = 0, col0: int = 0) -> Place:
     """A place with the types that the kernels are compiled for."""
     return Place(float(origin_m[0]), float(origin_m[1]), float(size_m), int(row0), int(col0))
 

@@ -72,4 +72,5 @@ def steps_of(z: Floats) -> NDArray[np.int32]:
     """z = 2p - 1 → steps of log-odds, clamped at 13.8."""
     with np.errstate(divide="ignore"):
         log_odds = np.log1p(z) - np.log1p(-z)
-    return np.rint(np.clip(log_odds, -13.8, 13.8) * (1 << 24)).astype(np.int32)
+    steps: NDArray[np.int32] = np.rint(np.clip(log_odds, -13.8, 13.8) * (1 << 24)).astype(np.int32)
+    return steps

@@ -1,4 +1,4 @@
-"""`regions` and `peak` with Bayes' rule: many readings added to a map of integer log-odds in one go.
+"""`regions` and `peak` with Bayes' rule: many readings added to integer log-odds in one go.
 
 Both say 2p - 1 = z of a cell, and log-odds are 2 atanh z. In front z = -factor(angular region) *
 emptiness(t), a polynomial once z is small; in the band z depends on two regions only, so it comes
@@ -10,17 +10,26 @@ decided in float32 where that is sure, and in float64 where it is not.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from mapping.kernels.batch.readings import Place, Readings
+from mapping.kernels.batch.region_tables import EMPTY_0, EMPTY_T, HALF_WIDTH, LARGEST
 from mapping.kernels.batch.spans import (
-    BAND, OUTSIDE, WIDEST_RAD, Beam, beam_of, box_of, mark, part_of_beam, point_cell,
+    BAND,
+    OUTSIDE,
+    WIDEST_RAD,
+    Beam,
+    beam_of,
+    box_of,
+    mark,
+    part_of_beam,
+    point_cell,
     spans_of_rows,
 )  # fmt: skip
-from mapping.kernels.batch.region_tables import EMPTY_0, EMPTY_T, HALF_WIDTH, LARGEST
 from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE, mark_seen
 
 Floats = NDArray[np.float64]
@@ -120,16 +129,16 @@ def _add_band(
     for k in range((b - a + 15) >> 4 << 4):
         c = first + np.uint64(k)
         at = np.sqrt(square[c] + dy_squared) * scale + offset
-        doubtful += np.int32(abs(at - np.rint(at)) < unsure)
+        doubtful += int(np.int32(abs(at - np.rint(at)) < unsure))
         at = np.floor(at)
         at = at if at < last else last
         index[c] = np.int32(base[c] + np.int32(at if at > _ZERO else _ZERO))
     if doubtful > 0 and bands > 1:
         dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
-        for c in range(a, b):
-            dx = (c + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
+        for col in range(a, b):
+            dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
             at_64 = math.floor((math.sqrt(dx * dx + dy * dy) - begin) / depth * bands)
-            index[c] = base[c] + min(max(at_64, 0), bands - 1)
+            index[col] = base[col] + min(max(at_64, 0), bands - 1)
     for k in range(b - a):
         c = first + np.uint64(k)
         index[c] = table[np.uint32(index[c])]
@@ -156,7 +165,7 @@ def _squares(first: int, count: int, step: int, size: float, to: float, square: 
 def _cell_step(
     beam: Beam, dx: float, dy: float, part: int, e0: float, e1: float, regions: int, bands: int,
     factors: Singles, table: Steps,
-) -> int:  # fmt: skip
+) -> Any:  # fmt: skip
     """What one cell gains, in float64: for beams and factors that no fast loop takes."""
     rho = math.sqrt(dx * dx + dy * dy)
     alpha = math.atan2(dy * beam.cos - dx * beam.sin, dx * beam.cos + dy * beam.sin)
@@ -213,7 +222,12 @@ def _add_rows(
     region_borders(beam, place, row0, parts, rows, regions, borders)
     f0, f1 = np.float32(e0), np.float32(e1)
     for k in range(rows):
-        a, f, g, b = spans[0, k] - shift, spans[1, k] - shift, spans[2, k] - shift, spans[3, k] - shift
+        a, f, g, b = (
+            spans[0, k] - shift,
+            spans[1, k] - shift,
+            spans[2, k] - shift,
+            spans[3, k] - shift,
+        )
         if b <= a:
             continue
         row = row0 - place.row0 + k * parts
@@ -237,7 +251,7 @@ def add_regions(
 
     ``cells`` (rows, a multiple of ``LANES``) are steps of log-odds, ``observed`` (rows, cols) gets
     the cells of which anything was said. Of each of S sensors, ``sensors`` (S, 4) holds half the
-    beam's width, its emptiness and the largest factor, ``factors`` (S, A) the factor of each angular
+    beam's width, its emptiness and the largest factor, ``factors`` (S, A) that of each angular
     region in front, and ``tables`` (S, A, B) the steps of each angular and band region.
     """
     (rows, cols), stride = observed.shape, cells.shape[1]

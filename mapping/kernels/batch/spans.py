@@ -89,10 +89,10 @@ def box_of(beam: Beam, place: Place, rows: int, cols: int) -> tuple[int, int, in
     All are indices of the whole grid, cut to the ``rows`` and ``cols`` of the place.
     """
     reach = max(beam.limit, 0.0)
-    right = max(0.0, max(beam.cos_right, beam.cos_left))
-    left = min(0.0, min(beam.cos_right, beam.cos_left))
-    up = max(0.0, max(beam.sin_right, beam.sin_left))
-    down = min(0.0, min(beam.sin_right, beam.sin_left))
+    right = max(0.0, beam.cos_right, beam.cos_left)
+    left = min(0.0, beam.cos_right, beam.cos_left)
+    up = max(0.0, beam.sin_right, beam.sin_left)
+    down = min(0.0, beam.sin_right, beam.sin_left)
     # An axis direction lies in the beam where one edge is on each side of it.
     wide = beam.half > WIDEST_RAD
     right = 1.0 if wide or beam.sin_right <= 0.0 <= beam.sin_left else right
@@ -100,7 +100,10 @@ def box_of(beam: Beam, place: Place, rows: int, cols: int) -> tuple[int, int, in
     up = 1.0 if wide or beam.cos_right >= 0.0 >= beam.cos_left else up
     down = -1.0 if wide or beam.cos_right <= 0.0 <= beam.cos_left else down
     per_cell = 1.0 / place.size_m
-    x, y = (beam.x - place.origin_x_m) * per_cell - 0.5, (beam.y - place.origin_y_m) * per_cell - 0.5
+    x, y = (
+        (beam.x - place.origin_x_m) * per_cell - 0.5,
+        (beam.y - place.origin_y_m) * per_cell - 0.5,
+    )
     reach *= per_cell
     col0 = math.ceil(max(x + reach * left - _MARGIN_CELLS, place.col0))
     col1 = math.floor(min(x + reach * right + _MARGIN_CELLS, place.col0 + cols - 1)) + 1
@@ -211,10 +214,10 @@ def likely_spans(
         f = max(low, -front_wide) * per_cell + offset
         g = min(high, front_wide) * per_cell + offset
         near = min(abs(a - np.rint(a)), abs(b - np.rint(b)))
-        near = min(near, min(abs(f - np.rint(f)), abs(g - np.rint(g))))
+        near = min(near, abs(f - np.rint(f)), abs(g - np.rint(g)))
         is_unclear = np.int32(near < unsure) | np.int32(abs(dy) < flat_m)
         doubt[k] = is_unclear
-        unclear += is_unclear
+        unclear += int(is_unclear)
         a = min(max(np.ceil(a), first), after)
         b = min(max(np.floor(b) + 1.0, a), after)
         f = min(max(np.ceil(f), a), b)
@@ -273,7 +276,7 @@ def point_cell(
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def mark(seen: Steps, row: int, a: int, f: int, g: int, b: int, says_front: bool) -> None:
+def mark(seen: Columns, row: int, a: int, f: int, g: int, b: int, says_front: bool) -> None:
     """Note where a row's span begins and ends, without its front where that says nothing."""
     seen[row, a] += np.int32(1)
     seen[row, b] -= np.int32(1)

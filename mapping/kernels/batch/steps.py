@@ -6,6 +6,8 @@ clamp on the way.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -17,7 +19,8 @@ Floats = NDArray[np.float64]
 ONE = 1 << 24  # steps in log-odds of 1
 CLAMP = round(13.8 * ONE)
 LANES = 16  # a row of a blank grid holds a multiple of so many cells
-HIGHEST, LOWEST = np.int32(CLAMP), np.int32(-CLAMP)
+HIGHEST: Any = np.int32(CLAMP)
+LOWEST: Any = np.int32(-CLAMP)
 
 
 def blank(rows: int, cols: int) -> Steps:
@@ -52,7 +55,7 @@ def add_steps(cells: Steps, added: Steps) -> None:
 def mark_seen(seen: Steps, observed: Flags, part: int, parts: int) -> None:
     """Mark the cells that a row's spans cover: ``seen`` (its rows, cols + 1) holds how many spans
     begin in a column, less those that ended before it; row k is row part + k parts."""
-    rows, cols = observed.shape
+    _rows, cols = observed.shape
     for k in range(seen.shape[0]):
         row, open_spans = part + k * parts, np.int32(0)
         for col in range(cols):
