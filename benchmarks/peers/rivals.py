@@ -34,7 +34,8 @@ def built_mrpt(folder: Path) -> Path | None:
     libraries = ("maps", "obs", "poses", "math", "core", "rtti", "serialization", "system")
     program = folder / "mrpt_peer"
     command = ["g++", "-O3", "-march=native", "-std=c++17", *includes,
-               "-isystem/usr/include/eigen3", str(Path(__file__).with_name("mrpt_peer.cpp")), "-o", str(program),
+               "-isystem/usr/include/eigen3", str(Path(__file__).with_name("mrpt_peer.cpp")),
+               "-o", str(program),
                *(f"-lmrpt-{name}" for name in libraries)]  # fmt: skip
     try:
         subprocess.run(command, check=True, capture_output=True)

@@ -157,7 +157,8 @@ def _add_wedge(
     if not is_plain:
         start, end = (col0 - place.col0) // LANES * LANES, -((place.col0 - col1) // LANES) * LANES
         gaussians(start + place.col0, end - start, np.int64(1), place.size_m,
-                  place.origin_x_m - beam.x, fade, bell[start:end], square[start:end], bits)  # fmt: skip
+                  place.origin_x_m - beam.x, fade, bell[start:end], square[start:end],
+                  bits)  # fmt: skip
         gaussians(row0, rows, parts, place.size_m, place.origin_y_m - beam.y,
                   fade, row_bell, row_square, bits)  # fmt: skip
     first = row0 - place.row0
