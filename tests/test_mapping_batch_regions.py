@@ -125,3 +125,13 @@ def test_one_reading_at_a_time_on_a_blank_window_gives_the_same_bytes():
         observed[window.slices] |= here
     np.testing.assert_array_equal(cells, whole)
     np.testing.assert_array_equal(observed, seen)
+
+
+def test_a_wide_beam_across_the_row_of_its_sensor():
+    sensor = replace(PING, model="regions", beam_width_rad=3.0, emptiness="constant")
+    for heading in np.arange(0.0, 6.4, 0.2):
+        beam = cases.beam_of(0.013, 0.007, heading, 0.7, sensor)
+        temp, _, _ = cases.parts_of(beam, sensor, GRID)
+        cells, _ = map_of(cases.columns_of([beam], [sensor]), [sensor])
+        expected = expected_steps(temp.probability)
+        assert (np.abs(cells[temp.window.slices] - expected) <= 3.0 + 4e-7 * np.abs(expected)).all()

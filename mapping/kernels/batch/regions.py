@@ -57,19 +57,22 @@ def region_borders(
     per_cell = 1.0 / place.size_m
     offset = (beam.x - place.origin_x_m) * per_cell - 0.5
     base_y = place.origin_y_m - beam.y
+    # A border on the other side of the sensor does not cross the row: all of the row's cells lie
+    # on that side of it on which the beam goes over to the other half.
+    missed_above = float(_BEYOND if beam.sin_right <= 0.0 else -_BEYOND)
+    missed_below = float(-_BEYOND if beam.sin_left < 0.0 else _BEYOND)
     for k in range(1, regions):
         angle = beam.half * (2.0 * k / regions - 1.0)
         c, s = math.cos(angle), math.sin(angle)
         cos_border, sin_border = c * beam.cos - s * beam.sin, s * beam.cos + c * beam.sin
         slope = cos_border / (sin_border if abs(sin_border) > 1e-300 else 1e-300) * per_cell
         is_up, is_down = sin_border > 0.0, sin_border < 0.0
-        missed = _BEYOND if cos_border > 0.0 else -_BEYOND  # a border that does not cross the row
         limit = np.float64(_BEYOND)
         for r in range(rows):
             dy = (np.float64(row0 + r * step) + 0.5) * place.size_m + base_y
             at = min(max(dy * slope + offset, -limit), limit)
-            above = np.floor(at) + 1.0 if is_up else np.float64(missed)
-            below = np.ceil(at) if is_down else np.float64(missed)
+            above = np.floor(at) + 1.0 if is_up else missed_above
+            below = np.ceil(at) if is_down else missed_below
             borders[k, r] = np.int32(above if dy > 0.0 else below)
 
 
