@@ -1,0 +1,103 @@
+"""Rules that only ask whether a cell lies in the band: `count` and `binary`, many readings at once.
+
+The values are those of one reading after the other, exactly: they are whole numbers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from mapping.kernels.batch.readings import Place, Readings
+from mapping.kernels.batch.spans import (
+    BAND,
+    OUTSIDE,
+    WIDEST_RAD,
+    Beam,
+    beam_of,
+    box_of,
+    mark,
+    part_of_beam,
+    point_cell,
+    spans_of_rows,
+)  # fmt: skip
+from mapping.kernels.batch.steps import mark_seen
+
+Floats = NDArray[np.float64]
+Steps = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+
+HALF_WIDTH, SAYS_FRONT = range(2)  # columns of the table of sensors
+COUNT, BINARY, NOTHING = range(3)  # what a cell in the band gains: 1, being 1, nothing
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _gain(values: Floats, row: int, first: int, after: int, what: int) -> None:
+    """Change the cells first to after - 1 of a row."""
+    for c in range(first, after):
+        if what == COUNT:
+            values[row, c] += 1.0
+        elif what == BINARY:
+            values[row, c] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _add_wide(
+    values: Floats, seen: Steps, place: Place, beam: Beam, what: int, says_front: bool, part: int,
+    parts: int,
+) -> None:  # fmt: skip
+    """The rows of a beam of 180 degrees and more, each cell looked at on its own."""
+    row0, row1, col0, col1 = box_of(beam, place, values.shape[0], values.shape[1])
+    for row in range(row0 + (part - (row0 - place.row0)) % parts, row1, parts):
+        dy, own = (row + 0.5) * place.size_m + place.origin_y_m - beam.y, row - place.row0
+        for col in range(col0, col1):
+            dx, c = (col + 0.5) * place.size_m + place.origin_x_m - beam.x, col - place.col0
+            found = part_of_beam(beam, dx, dy)
+            if found == BAND or (found != OUTSIDE and says_front):
+                mark(seen, own // parts, c, c, c, c + 1, True)
+            if found == BAND:
+                _gain(values, own, c, c + 1, what)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_bands(
+    values: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats, what: int,
+    part: int, parts: int,
+) -> None:  # fmt: skip
+    """Add readings, in their order, to the rows part, part + parts, ... of a map.
+
+    ``values`` and ``observed`` are (rows, cols); the latter gets the cells of which anything was
+    said. ``sensors`` (S, 2) holds half the beam's width, and 1 where a sensor's model says
+    something of the cells in front. ``what``: COUNT, BINARY, or NOTHING (only ``observed``).
+    """
+    rows, cols = values.shape
+    spans, doubt = np.empty((4, rows), np.int32), np.empty(rows, np.int32)
+    seen = np.zeros(((rows - part + parts - 1) // parts, cols + 1), np.int32)
+    xs, ys, headings, ranges, fronts, bands, names = readings
+    for i in range(xs.size):
+        half, says_front = sensors[names[i], HALF_WIDTH], sensors[names[i], SAYS_FRONT] != 0.0
+        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], half)
+        row, col = point_cell(
+            beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt
+        )
+        if row >= 0:
+            mark(seen, row // parts, col, col, col, col + 1, True)
+            _gain(values, row, col, col + 1, what)
+        if half > WIDEST_RAD:
+            _add_wide(values, seen, place, beam, what, says_front, part, parts)
+            continue
+        row0, row1, col0, col1 = box_of(beam, place, rows, cols)
+        row0 += (part - (row0 - place.row0)) % parts
+        if row0 >= row1 or col0 >= col1:
+            continue
+        shift, row = place.col0, row0 - place.row0
+        for k in range(spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)):
+            a, f = spans[0, k] - shift, spans[1, k] - shift
+            g, b = spans[2, k] - shift, spans[3, k] - shift
+            if b > a:
+                mark(seen, row // parts, a, f, g, b, says_front)
+                _gain(values, row, a, f, what)
+                _gain(values, row, g, b, what)
+            row += parts
+    mark_seen(seen, observed, part, parts)

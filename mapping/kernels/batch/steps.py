@@ -1,0 +1,63 @@
+"""Log-odds as whole numbers: steps of 2^-24 in int32, clamped at 13.8, and rows of whole groups.
+
+Sums of integers are the same in any order and any number of parts, as long as no cell reached its
+clamp on the way.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Steps = NDArray[np.int32]
+Flags = NDArray[np.bool_]
+Floats = NDArray[np.float64]
+
+ONE = 1 << 24  # steps in log-odds of 1
+CLAMP = round(13.8 * ONE)
+LANES = 16  # a row of a blank grid holds a multiple of so many cells
+HIGHEST: Any = np.int32(CLAMP)
+LOWEST: Any = np.int32(-CLAMP)
+
+
+def blank(rows: int, cols: int) -> Steps:
+    """A grid of zeros (rows, cols rounded up to whole groups); the cells past ``cols`` stay 0.
+
+    A group begins at a multiple of its size, so that it lies in one line of the cache.
+    """
+    stride, size = -(-cols // LANES) * LANES, 4 * LANES
+    room = np.zeros(rows * stride + LANES, np.int32)
+    first = -(room.ctypes.data % size) % size // 4
+    return room[first : first + rows * stride].reshape(rows, stride)
+
+
+def log_odds_of(cells: Steps, cols: int) -> Floats:
+    """Steps → log-odds, (rows, cols)."""
+    log_odds: Floats = cells[:, :cols] / ONE
+    return log_odds
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_steps(cells: Steps, added: Steps) -> None:
+    """Add the steps of one reading, (rows, cols), to a window of the map; sums are clamped."""
+    rows, cols = added.shape
+    for row in range(rows):
+        for col in range(cols):
+            total = np.int32(cells[row, col] + added[row, col])
+            total = total if total < HIGHEST else HIGHEST
+            cells[row, col] = total if total > LOWEST else LOWEST
+
+
+@njit(cache=True, error_model="numpy")
+def mark_seen(seen: Steps, observed: Flags, part: int, parts: int) -> None:
+    """Mark the cells that a row's spans cover: ``seen`` (its rows, cols + 1) holds how many spans
+    begin in a column, less those that ended before it; row k is row part + k parts."""
+    _rows, cols = observed.shape
+    for k in range(seen.shape[0]):
+        row, open_spans = part + k * parts, np.int32(0)
+        for col in range(cols):
+            open_spans = np.int32(open_spans + seen[k, col])
+            observed[row, col] |= open_spans > 0
