@@ -18,14 +18,14 @@ import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Metadata, Schema
 from numpy.typing import NDArray
-from recorder.session.format import LIBRARY, METADATA, checked_json
-from recorder.session.scan import MAGIC
 
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, topic_of
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_layouts import Layout, layout_of, parse_definition
 from recorder.ros_types import encode, type_name
+from recorder.session.format import LIBRARY, METADATA, checked_json
+from recorder.session.scan import MAGIC
 
 START_NS = 1_700_000_000 * 1_000_000_000
 TICK_NS = 50_000_000

@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from conftest import ROOT
-from recorder.recording.options import parse_sensor
 
 from echogrid import main
 from mapping.config import MappingConfig, ReportedSensor, load_config, resolve_sensor
@@ -19,6 +18,7 @@ from mapping.config_text import explained_toml
 from mapping.sensor_model import SENSOR_MODELS
 from recorder.errors import BadInput
 from recorder.messages import Radiation, Range, Scan
+from recorder.recording.options import parse_sensor
 from recorder.sensors import CATALOGUE, UNKNOWN_KIND, SensorKind, guess_kind, kind_of
 from recorder.session import SessionReader, read_session
 from recorder.simulator.robot import simulate
