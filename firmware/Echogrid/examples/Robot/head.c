@@ -1,0 +1,63 @@
+/* The servo's pulses are made by timer 1's output unit, so they do not tremble. */
+#include "hardware.h"
+
+#include <avr/interrupt.h>
+#include <avr/io.h>
+#include <util/atomic.h>
+
+#include "settings.h"
+
+#define TICKS_PER_US (F_CPU / 8 / 1000000)
+#define PERIOD_TICKS ((uint16_t)(20000 * TICKS_PER_US))
+#define SWEEP_CDEG (HEAD_SWEEP_DEG * 100L)
+#define LAP_MS (4000UL * HEAD_SWEEP_DEG / HEAD_DEG_PER_S) /* left, back, right, back */
+
+static volatile uint16_t wanted_ticks = SERVO_AHEAD_US * TICKS_PER_US;
+
+/* The pin has just changed, at OCR1A: when, and which way, will it change next? */
+ISR(TIMER1_COMPA_vect)
+{
+    static uint16_t width;
+    if (TCCR1A & 1 << COM1A0) { /* it went up */
+        width = wanted_ticks;
+        OCR1A += width;
+        TCCR1A = 1 << COM1A1;
+    } else {
+        OCR1A += (uint16_t)(PERIOD_TICKS - width);
+        TCCR1A = 1 << COM1A1 | 1 << COM1A0;
+    }
+}
+
+void head_begin(void)
+{
+    DDRB |= 1 << PB1; /* pin 9 */
+    OCR1A = (uint16_t)(TCNT1 + 1000);
+    TCCR1A = 1 << COM1A1 | 1 << COM1A0;
+    TIMSK1 |= 1 << OCIE1A;
+}
+
+/* To and fro at a steady pace, left first: where the servo is asked to be at `ms`. */
+static int16_t wanted_centidegrees(uint32_t ms)
+{
+#if HEAD_SWEEP_DEG
+    int32_t at = (int32_t)(ms % LAP_MS) * HEAD_DEG_PER_S / 10; /* 0 to 4 sweeps */
+    if (at < SWEEP_CDEG)
+        return (int16_t)at;
+    return (int16_t)(at < 3 * SWEEP_CDEG ? 2 * SWEEP_CDEG - at : at - 4 * SWEEP_CDEG);
+#else
+    (void)ms;
+    return 0;
+#endif
+}
+
+void head_follow(void)
+{
+    int32_t turn_us = (int32_t)wanted_centidegrees(clock_ms()) * SERVO_US_PER_90_DEG / 9000;
+    uint16_t ticks = (uint16_t)((SERVO_AHEAD_US + turn_us) * (int32_t)TICKS_PER_US);
+    ATOMIC_BLOCK(ATOMIC_RESTORESTATE) { wanted_ticks = ticks; }
+}
+
+int16_t head_centidegrees(uint32_t ms)
+{
+    return wanted_centidegrees(ms - HEAD_LAG_MS);
+}
