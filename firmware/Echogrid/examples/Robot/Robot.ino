@@ -1,8 +1,9 @@
 // A robot for `echogrid record`: sonar and infrared ranger on a turning head, two wheel encoders.
 // For an ATmega328P at 16 MHz (Uno, Nano). Your own values: settings.h. Wiring: docs/firmware.md.
 //
-// Every 50 ms: a ping, the wheels, an infrared reading; each is reported with the time at which it
-// was measured. Nothing waits: interrupts do what is urgent, and the loop runs once a millisecond.
+// Every 50 ms a ping, an infrared reading and the wheels; then all are reported, in the order and
+// with the times of their measurement. Nothing waits: interrupts do what is urgent, and the loop
+// runs once a millisecond.
 
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -13,14 +14,15 @@
 #include "hardware.h"
 #include "settings.h"
 
-const uint8_t FRAME_MS = 50;
-const uint8_t INFRARED_AT_MS = 25;
+const uint8_t FRAME_MS = 50;  // a ping at its begin
+const uint8_t INFRARED_AT_MS = 10;
+const uint8_t REPORT_AT_MS = SONAR_TAKES_MS;
 const uint32_t HELLO_PERIOD_MS = 5000;
 
 static uint16_t seq = SEQ_AT_BOOT;
 static echogrid_line line;
-static uint32_t frame_ms, hello_ms;
-static bool infrared_due;
+static uint32_t now_ms, hello_ms;
+static uint8_t frame_at_ms;
 static const char *trouble;  // the latest, until it is told
 
 static void start(const char *kind, uint32_t ms)
@@ -50,17 +52,17 @@ static void report_hello()
     send();
 }
 
-static void report_range(const char *sensor, int16_t mm, uint32_t ms)
+static void report_range(const char *sensor, range_reading reading)
 {
     if (HEAD_SWEEP_DEG) {
-        start("HED", ms);
+        start("HED", reading.ms);
         echogrid_word(&line, "head");
-        echogrid_integer(&line, head_centidegrees(ms));
+        echogrid_integer(&line, head_centidegrees(reading.ms));
         send();
     }
-    start("RNG", ms);
+    start("RNG", reading.ms);
     echogrid_word(&line, sensor);
-    echogrid_integer(&line, mm);
+    echogrid_integer(&line, reading.mm);
     send();
 }
 
@@ -85,18 +87,22 @@ static void report_boot()
                                    : "boot");
 }
 
-static void take_readings()
+static void report_readings()
 {
-    sonar_reading sonar = sonar_read();
-    if (sonar.state == SONAR_MEASURED)
-        report_range("ping", sonar.mm, sonar.ms);
-    else if (sonar.state == SONAR_SILENT)
+    report_range("dirrs", infrared_read());
+    range_reading sonar;
+    switch (sonar_read(&sonar)) {
+    case SONAR_WORKS:
+        report_range("ping", sonar);
+        break;
+    case SONAR_SILENT:
         trouble = "sonar: no pulse on pin 8";
-    else if (sonar.state == SONAR_STUCK)
+        break;
+    case SONAR_STUCK:
         trouble = "sonar: pin 8 stays high";
-    infrared_reading infrared = infrared_read();
-    if (infrared.done)
-        report_range("dirrs", infrared.mm, infrared.ms);
+        break;
+    }
+    report_wheels();
 }
 
 void setup()
@@ -111,27 +117,30 @@ void setup()
     sei();
     report_hello();
     report_boot();
-    frame_ms = hello_ms = clock_ms();
+    hello_ms = clock_ms();
+    while (clock_ms() - hello_ms < INFRARED_AGE_MS)  // before, the infrared ranger shows nothing
+        sleep_mode();
+    now_ms = clock_ms();
 }
 
 void loop()
 {
-    static uint32_t now_ms;
     while (clock_ms() == now_ms)
         sleep_mode();
-    now_ms = clock_ms();
+    now_ms++;  // and should it ever be late, it catches up
     head_follow();
-    take_readings();
-    if (infrared_due && now_ms - frame_ms >= INFRARED_AT_MS) {
-        infrared_due = false;
-        infrared_start();
-    }
-    if (now_ms - frame_ms >= FRAME_MS) {
-        frame_ms += FRAME_MS;
-        infrared_due = true;
+    switch (frame_at_ms) {
+    case 0:
         sonar_ping();
-        report_wheels();
+        break;
+    case INFRARED_AT_MS:
+        infrared_start();
+        break;
+    case REPORT_AT_MS:
+        report_readings();
+        break;
     }
+    frame_at_ms = (uint8_t)((frame_at_ms + 1) % FRAME_MS);
     if (now_ms - hello_ms >= HELLO_PERIOD_MS) {
         hello_ms += HELLO_PERIOD_MS;
         report_hello();

@@ -18,27 +18,25 @@ void serial_begin(void);
 /* All of it or, where there is no room, nothing: the host sees by the number that a line lacks. */
 void serial_write(const char *data, uint8_t length);
 
-/* sonar.c */
-typedef enum { SONAR_BUSY, SONAR_MEASURED, SONAR_SILENT, SONAR_STUCK } sonar_state;
 typedef struct {
-    sonar_state state;
-    int16_t mm;  /* or one of ECHOGRID_NOTHING_SEEN and ECHOGRID_TOO_CLOSE */
-    uint32_t ms; /* when the sound met the obstacle */
-} sonar_reading;
+    int16_t mm;  /* or ECHOGRID_NOTHING_SEEN, ECHOGRID_TOO_CLOSE */
+    uint32_t ms; /* when it was so */
+} range_reading;
+
+/* sonar.c */
+#define SONAR_TAKES_MS 30 /* sound comes back from 4 m within 24 ms; timer 1 goes round in 32.8 */
+typedef enum { SONAR_WORKS, SONAR_SILENT, SONAR_STUCK } sonar_state;
 void sonar_begin(void);
 void sonar_ping(void);
-/* BUSY until it is known what came of the ping; SILENT: no pulse; STUCK: the pin stayed high. */
-sonar_reading sonar_read(void);
+/* What came of the ping, SONAR_TAKES_MS after it. SILENT: no pulse; STUCK: the pin stayed high. */
+sonar_state sonar_read(range_reading *reading);
 
 /* infrared.c */
-typedef struct {
-    bool done;
-    int16_t mm;  /* as above */
-    uint32_t ms;
-} infrared_reading;
+#define INFRARED_TAKES_MS 2
 void infrared_begin(void);
 void infrared_start(void);
-infrared_reading infrared_read(void);
+/* What came of it, INFRARED_TAKES_MS later. */
+range_reading infrared_read(void);
 
 /* head.c */
 void head_begin(void);

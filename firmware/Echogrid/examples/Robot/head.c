@@ -1,4 +1,4 @@
-/* The servo's pulses are made by timer 1's output unit, so they do not tremble. */
+/* The servo's pulses, by interrupts of timer 1: right to some 5 us, thus to half a degree. */
 #include "hardware.h"
 
 #include <avr/interrupt.h>
@@ -7,6 +7,7 @@
 
 #include "settings.h"
 
+#define SERVO PB1 /* pin 9 */
 #define TICKS_PER_US (F_CPU / 8 / 1000000)
 #define PERIOD_TICKS ((uint16_t)(20000 * TICKS_PER_US))
 #define SWEEP_CDEG (HEAD_SWEEP_DEG * 100L)
@@ -14,25 +15,23 @@
 
 static volatile uint16_t wanted_ticks = SERVO_AHEAD_US * TICKS_PER_US;
 
-/* The pin has just changed, at OCR1A: when, and which way, will it change next? */
 ISR(TIMER1_COMPA_vect)
 {
     static uint16_t width;
-    if (TCCR1A & 1 << COM1A0) { /* it went up */
+    if (PORTB & 1 << SERVO) {
+        PORTB &= (uint8_t)~(1 << SERVO);
+        OCR1A += (uint16_t)(PERIOD_TICKS - width);
+    } else {
+        PORTB |= 1 << SERVO;
         width = wanted_ticks;
         OCR1A += width;
-        TCCR1A = 1 << COM1A1;
-    } else {
-        OCR1A += (uint16_t)(PERIOD_TICKS - width);
-        TCCR1A = 1 << COM1A1 | 1 << COM1A0;
     }
 }
 
 void head_begin(void)
 {
-    DDRB |= 1 << PB1; /* pin 9 */
+    DDRB |= 1 << SERVO;
     OCR1A = (uint16_t)(TCNT1 + 1000);
-    TCCR1A = 1 << COM1A1 | 1 << COM1A0;
     TIMSK1 |= 1 << OCIE1A;
 }
 

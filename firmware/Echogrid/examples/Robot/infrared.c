@@ -25,7 +25,6 @@ static const point CURVE[] PROGMEM = {
 static volatile uint16_t sum;
 static volatile uint8_t left;
 static uint32_t start_ms;
-static bool asked;
 
 ISR(ADC_vect)
 {
@@ -44,7 +43,6 @@ void infrared_begin(void)
 void infrared_start(void)
 {
     start_ms = clock_ms();
-    asked = true;
     sum = 0;
     left = CONVERSIONS;
     ADCSRA |= 1 << ADSC;
@@ -59,20 +57,16 @@ static int16_t millimetres(uint16_t mv)
         far = (point){pgm_read_word(&CURVE[i].mv), pgm_read_word(&CURVE[i].mm)};
         if (mv >= far.mv) { /* between these two: straight in 1/range, as light is */
             uint32_t share = ((uint32_t)(near.mv - mv) << 8) / (uint16_t)(near.mv - far.mv);
-            uint32_t below = (far.mm << 8) - share * (uint16_t)(far.mm - near.mm);
-            return (int16_t)((((uint32_t)near.mm * far.mm) << 8) / below);
+            uint32_t below = ((uint32_t)far.mm << 8) - share * (uint16_t)(far.mm - near.mm);
+            return (int16_t)(((uint32_t)near.mm * far.mm << 8) / below);
         }
         near = far;
     }
     return ECHOGRID_NOTHING_SEEN;
 }
 
-infrared_reading infrared_read(void)
+range_reading infrared_read(void)
 {
-    infrared_reading reading = {asked && left == 0, ECHOGRID_NOTHING_SEEN, start_ms - INFRARED_AGE_MS};
-    if (reading.done) {
-        asked = false;
-        reading.mm = millimetres((uint16_t)(sum * 5000UL / FULL_SCALE));
-    }
-    return reading;
+    uint16_t mv = (uint16_t)(sum * 5000UL / FULL_SCALE);
+    return (range_reading){millimetres(mv), start_ms - INFRARED_AGE_MS};
 }

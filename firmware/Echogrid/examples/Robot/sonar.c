@@ -13,11 +13,10 @@
 #define TRIGGER PD7 /* pin 7 */
 #define TICKS_PER_MS (F_CPU / 8 / 1000)
 #define SOUND_CM_PER_S (33130UL + 61UL * AIR_CELSIUS)
-#define TIMEOUT_MS 30 /* the sound comes back from 4 m after 24 ms; timer 1 goes round in 32.8 ms */
 
-typedef enum { REST, WAIT_FOR_RISE, WAIT_FOR_FALL, TIMED, BLOCKED } phase;
+typedef enum { BLOCKED, WAIT_FOR_RISE, WAIT_FOR_FALL, TIMED } phase;
 
-static volatile phase now = REST;
+static volatile phase now;
 static volatile uint16_t rise, width;
 static uint32_t ping_ms;
 
@@ -79,20 +78,13 @@ static int16_t millimetres(uint16_t ticks)
     return mm < SONAR_MIN_MM ? ECHOGRID_TOO_CLOSE : (int16_t)mm;
 }
 
-sonar_reading sonar_read(void)
+sonar_state sonar_read(range_reading *reading)
 {
-    sonar_reading reading = {SONAR_BUSY, ECHOGRID_NOTHING_SEEN, ping_ms};
+    TIMSK1 &= (uint8_t)~(1 << ICIE1);
+    *reading = (range_reading){ECHOGRID_NOTHING_SEEN, ping_ms};
     if (now == TIMED) {
-        reading.state = SONAR_MEASURED;
-        reading.mm = millimetres(width);
-        reading.ms += width / (2 * TICKS_PER_MS);
-    } else if (now == BLOCKED) {
-        reading.state = SONAR_STUCK;
-    } else if (now != REST && clock_ms() - ping_ms >= TIMEOUT_MS) {
-        TIMSK1 &= (uint8_t)~(1 << ICIE1);
-        reading.state = now == WAIT_FOR_RISE ? SONAR_SILENT : SONAR_MEASURED;
+        reading->mm = millimetres(width);
+        reading->ms += width / (2 * TICKS_PER_MS); /* when the sound met the obstacle */
     }
-    if (reading.state != SONAR_BUSY)
-        now = REST;
-    return reading;
+    return now == BLOCKED ? SONAR_STUCK : now == WAIT_FOR_RISE ? SONAR_SILENT : SONAR_WORKS;
 }
