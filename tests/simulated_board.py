@@ -38,6 +38,7 @@ FIRMWARE = ROOT / "firmware"
 
 SOUND_MPS = 331.3 + 0.606 * 20.0  # in air of 20 degrees
 ECHO_DELAY_US = {1: 750, 2: 460}  # by the wires of the sonar: from the trigger to the pulse
+RESET, END, BROWN_OUT = 1, 2, 3  # what `firmware/board` is told
 NO_ECHO_US = {1: 18_500, 2: 38_000}
 SERVO_AHEAD_US, SERVO_US_PER_RAD = 1500.0, 1000.0 / math.radians(90.0)
 SERVO_RADPS = math.radians(300.0)
@@ -151,7 +152,8 @@ class SimulatedBoard:
         self._command = [str(board), str(firmware), str(wires), str(speed)]
         self._world = world
         self._wires = wires
-        self._on, self._reset, self._stop = (threading.Event() for _ in range(3))
+        self._on, self._stop = threading.Event(), threading.Event()
+        self._command_once = 0
         self.t_s = 0.0
         self._servo_s = self._head_rad = 0.0
 
@@ -169,8 +171,10 @@ class SimulatedBoard:
         self._stop.set()
         self._on.set()
         self._thread.join(30.0)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.communicate(timeout=10.0)
         self._process.kill()
-        self._process.communicate()
+        self._process.wait()
 
     def power_on(self) -> None:
         """From now on the chip runs."""
@@ -178,7 +182,11 @@ class SimulatedBoard:
 
     def press_reset(self) -> None:
         """Everything in the chip begins anew; the world goes on."""
-        self._reset.set()
+        self._command_once = RESET
+
+    def brown_out(self) -> None:
+        """The same, because the supply broke down."""
+        self._command_once = BROWN_OUT
 
     def run_until(self, t_s: float) -> None:
         """Returns when the chip's time has come, or it has died."""
@@ -208,15 +216,15 @@ class SimulatedBoard:
                 answer = str(infrared_mv(self._world.infrared_m(t_s, self._head_rad)))
             else:
                 answer = self._tick(t_s)
-            with contextlib.suppress(BrokenPipeError):
+            with contextlib.suppress(BrokenPipeError):  # it died, and its end follows
                 self._process.stdin.write(answer + "\n")
 
     def _tick(self, t_s: float) -> str:
         self._on.wait()
         self.t_s = t_s
         self._world.tick(t_s, self._head_rad)
-        command = 2 if self._stop.is_set() else int(self._reset.is_set())
-        self._reset.clear()
+        command = END if self._stop.is_set() else self._command_once
+        self._command_once = 0
         left, right = self._world.wheels(t_s)
         return f"{left} {right} {command}"
 
@@ -253,12 +261,16 @@ def listening(device: str) -> Iterator[bytearray]:
     received, done = bytearray(), threading.Event()
 
     def read() -> None:
-        while not done.is_set() or select.select([line], [], [], 0.05)[0]:
+        while True:
             if select.select([line], [], [], 0.05)[0]:
-                try:
-                    received.extend(os.read(line, 4096))
-                except OSError:  # the other end is gone
+                data = b""
+                with contextlib.suppress(OSError):  # the other end is gone
+                    data = os.read(line, 4096)
+                if not data:
                     return
+                received.extend(data)
+            elif done.is_set():
+                return
 
     thread = threading.Thread(target=read)
     thread.start()

@@ -9,7 +9,7 @@
  *     ping T PULSE         DELAY WIDTH: the echo's pulse, in microseconds; WIDTH 0: none at all
  *     analogue T PULSE     millivolts on A0
  *     tick T PULSE         LEFT RIGHT COMMAND, each 2 ms: quarter steps of the wheels' encoders
- *                          since the start; 0: go on, 1: press the reset button, 2: end
+ *                          since the start; 0: go on, 1: reset button, 2: end, 3: brown-out
  *     end BUSY LONGEST     (no answer) share of the time awake; longest time awake at a stretch, us
  */
 #include <inttypes.h>
@@ -20,12 +20,16 @@
 #include <unistd.h>
 
 #include <simavr/avr_adc.h>
+#include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/parts/uart_pty.h>
 #include <simavr/sim_avr.h>
 #include <simavr/sim_elf.h>
 
 enum { CYCLES_PER_US = 16, STEP_US = 100, TICK_US = 2000, ECHO = 0, SERVO = 1, TRIGGER = 7 };
+enum { MCUSR = 0x54, POWER_ON = 1, RESET_PIN = 2, BROWN_OUT = 4 };
+
+DEFINE_FIFO(uint8_t, uart_pty_fifo);
 
 static FILE *world;
 static avr_t *avr;
@@ -156,9 +160,12 @@ static void sleep_until(avr_t *a, avr_cycle_count_t cycles)
     woken = a->cycle + 1 + cycles;
 }
 
-static void power_up(void)
+static void boot(uint8_t reset_cause)
 {
     avr_reset(avr);
+    avr->data[MCUSR] = reset_cause;
+    for (uint8_t i = 0; i < 2; i++) /* else simavr looks at pins 2 and 3 after every instruction */
+        avr_extint_set_strict_lvl_trig(avr, i, 0);
     avr_cycle_timer_cancel(avr, echo_rises, NULL);
     avr_cycle_timer_cancel(avr, echo_falls, NULL);
     avr_cycle_timer_cancel(avr, world_turns, NULL);
@@ -167,6 +174,19 @@ static void power_up(void)
     connect('B', 1 << ECHO, 0);
     connect('D', 0x3C, encoder_levels);
     avr_cycle_timer_register(avr, STEP_US * CYCLES_PER_US, world_turns, NULL);
+}
+
+/* The pseudo-terminal's thread may lag behind a fast chip. Wait, unless nobody reads at all. */
+static void wait_for_reader(uart_pty_t *serial_line)
+{
+    static int nobody;
+    for (int ms = 0; uart_pty_fifo_get_read_size(&serial_line->pty.in) > 256; ms++) {
+        if (nobody)
+            return;
+        nobody = ms >= 1000;
+        usleep(1000);
+    }
+    nobody = 0;
 }
 
 /* Keep to the wall clock: wait when ahead; when behind, hurry. */
@@ -211,20 +231,22 @@ int main(int argc, char **argv)
     avr_irq_register_notify(pin('B', SERVO), servo_changed, NULL);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_ADC_GETIRQ, ADC_IRQ_OUT_TRIGGER), conversion_begins, NULL);
 
-    power_up();
+    boot(POWER_ON);
     for (avr_cycle_count_t next = 2 * STEP_US * CYCLES_PER_US; command != 2;) {
         int state = avr_run(avr);
         if (state == cpu_Done || state == cpu_Crashed) {
             fprintf(stderr, "board: the firmware crashed at %" PRIu64 " us\n", now_us());
             return 1;
         }
-        if (command == 1)
-            command = 0, power_up();
+        if (command == 1 || command == 3)
+            boot(command == 1 ? RESET_PIN : BROWN_OUT), command = 0;
         if (avr->cycle >= next)
-            next = avr->cycle + 500 * CYCLES_PER_US, keep_pace(atof(argv[3]));
+            next = avr->cycle + 500 * CYCLES_PER_US, keep_pace(atof(argv[3])), wait_for_reader(&serial_line);
     }
     fprintf(world, "end %.4f %" PRIu64 "\n", (double)awake / (double)avr->cycle, longest / CYCLES_PER_US);
     fflush(world);
+    while (getc(stdin) != EOF) /* what is still on the line can be read until stdin ends */
+        ;
     uart_pty_stop(&serial_line);
     return 0;
 }

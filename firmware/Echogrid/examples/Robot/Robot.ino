@@ -118,7 +118,7 @@ void setup()
     report_hello();
     report_boot();
     hello_ms = clock_ms();
-    while (clock_ms() - hello_ms < INFRARED_AGE_MS)  // before, the infrared ranger shows nothing
+    while (clock_ms() - hello_ms < SETTLE_MS)
         sleep_mode();
     now_ms = clock_ms();
 }

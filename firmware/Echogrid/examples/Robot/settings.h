@@ -38,6 +38,9 @@
 #define SERVO_US_PER_90_DEG 1000 /* negative where a longer pulse turns it to the right */
 #define HEAD_LAG_MS 15           /* the servo follows so late */
 
+/* From boot to the first ping: the servo gets to its place, the infrared ranger to its first value. */
+#define SETTLE_MS 400
+
 /* A wheel that counts backwards: swap its wires A and B. */
 #define BAUD 115200UL
 

@@ -12,7 +12,7 @@
 #define ECHO PB0    /* pin 8, the capture unit's */
 #define TRIGGER PD7 /* pin 7 */
 #define TICKS_PER_MS (F_CPU / 8 / 1000)
-#define SOUND_CM_PER_S (33130UL + 61UL * AIR_CELSIUS)
+#define SOUND_CM_PER_S ((331300UL + 606UL * AIR_CELSIUS) / 10)
 
 typedef enum { BLOCKED, WAIT_FOR_RISE, WAIT_FOR_FALL, TIMED } phase;
 
@@ -37,7 +37,8 @@ ISR(TIMER1_CAPT_vect)
 
 void sonar_begin(void)
 {
-    TCCR1B = 1 << ICNC1 | 1 << CS11; /* free running at 2 MHz, also for the servo; no short spikes */
+    TCCR1A = 0;                      /* free running: Arduino's core makes it count to and fro */
+    TCCR1B = 1 << ICNC1 | 1 << CS11; /* at 2 MHz, also for the servo; no short spikes */
 #if !SONAR_HAS_ONE_WIRE
     DDRD |= 1 << TRIGGER;
 #endif
