@@ -331,7 +331,7 @@ def drive(make: Make, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tupl
         board.power_on()
         board.run_until(15.0)
         board.press_reset()
-        assert recorder.wait(120) == 0
+        assert recorder.wait(120) in (0, 1)  # 1: the reset cut a line
         board.stop()
     subprocess.run(
         [*ECHOGRID, "map", str(session), "-o", "-", "--export", str(maps), "--quiet"],
