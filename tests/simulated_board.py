@@ -1,7 +1,7 @@
 """An Arduino that is not there: the firmware, compiled, on a simulated chip, in a simulated room.
 
-The chip is simavr's (``firmware/board``). Its echo pin, its analogue input and its encoders follow a
-:class:`World`; its serial line is a pseudo-terminal. As a command it waits to be recorded::
+The chip is simavr's (``firmware/board``). Its echo pin, its analogue input and its encoders follow
+a :class:`World`; its serial line is a pseudo-terminal. As a command it waits to be recorded::
 
     make -C firmware all board
     python tests/simulated_board.py room

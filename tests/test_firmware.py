@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
@@ -9,7 +10,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -252,9 +253,7 @@ def test_it_says_who_it_is_and_why_it_booted(make: Make) -> None:
 
 
 @pytest.mark.parametrize(("wires", "range_m"), [(2, None), (1, None)])
-def test_a_sonar_that_is_not_there_is_named(
-    make: Make, wires: int, range_m: float | None
-) -> None:
+def test_a_sonar_that_is_not_there_is_named(make: Make, wires: int, range_m: float | None) -> None:
     options = f"-DSONAR_HAS_ONE_WIRE={2 - wires}"
     world = Scripted(sonar_m=lambda t_s: range_m)
     packets = whole(packets_of(make, world, 5.3, options=options, wires=wires))
@@ -313,7 +312,7 @@ def test_the_robot_on_the_arduino_core(make: Make) -> None:
 
 
 @pytest.fixture(scope="module")
-def drive(make: Make, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Path]]:
+def drive(make: Make, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A drive of 30 s through the room, with a reset in the middle: recorded, and mapped."""
     folder = tmp_path_factory.mktemp("drive")
     session, maps = folder / "run.mcap", folder / "maps"
@@ -337,7 +336,7 @@ def drive(make: Make, tmp_path_factory: pytest.TempPathFactory) -> Iterator[tupl
         [*ECHOGRID, "map", str(session), "-o", "-", "--export", str(maps), "--quiet"],
         check=True, env=ENVIRONMENT,
     )  # fmt: skip
-    yield session, maps
+    return session, maps
 
 
 ECHOGRID = (sys.executable, "-m", "echogrid")
@@ -360,7 +359,7 @@ def test_the_reset_costs_only_a_moment(drive: tuple[Path, Path]) -> None:
     steps_m = [
         math.hypot(b.odom_from_base.x_m - a.odom_from_base.x_m,
                    b.odom_from_base.y_m - a.odom_from_base.y_m)
-        for a, b in zip(odometry, odometry[1:], strict=False)
+        for a, b in itertools.pairwise(odometry)
     ]  # fmt: skip
     assert max(steps_m) < 0.05  # the counts began at 0 again, and nothing jumped
 
@@ -400,4 +399,4 @@ def test_the_walls_stand_where_the_room_has_them(drive: tuple[Path, Path]) -> No
 
     assert near(cells_m, walls_m) > 0.8
     assert near(walls_m, cells_m) > 0.5  # one lap takes longer than 30 s
-    assert near(cells_m + [0.1, 0.1], walls_m) < 0.5  # elsewhere they would not fit
+    assert near(cells_m + 0.1, walls_m) < 0.5  # elsewhere they would not fit

@@ -46,7 +46,7 @@ class Echogrid:
         self._report("RNG", ms, sensor, mm)
 
     def head(self, centidegrees, ms=None, name="head"):
-        """Where the head looks, counter-clockwise; 0 is straight ahead. Send it before the range."""
+        """Where the head looks, counter-clockwise; 0 is ahead. Send it before the range."""
         self._report("HED", ms, name, centidegrees)
 
     def wheels(self, left, right, ms=None):
@@ -82,4 +82,4 @@ def _value(value):
     """A number as a whole one; of a text what the protocol allows."""
     if isinstance(value, str):
         return "".join(c if " " <= c <= "~" and c not in "$*" else "?" for c in value)
-    return str(int(round(value)))
+    return str(round(value))

@@ -6,8 +6,9 @@ the pin, and 2 kOhm between the pin and ground.
 
 import time
 
-from echogrid import NOTHING_SEEN, Echogrid
 from machine import Pin, time_pulse_us
+
+from echogrid import NOTHING_SEEN, Echogrid
 
 TRIGGER, ECHO = Pin(14, Pin.OUT, value=0), Pin(15, Pin.IN)
 robot = Echogrid("pico")
