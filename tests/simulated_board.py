@@ -38,6 +38,7 @@ FIRMWARE = ROOT / "firmware"
 
 SOUND_MPS = 331.3 + 0.606 * 20.0  # in air of 20 degrees
 ECHO_DELAY_US = {1: 750, 2: 460}  # by the wires of the sonar: from the trigger to the pulse
+STUCK_US = 200_000  # what some copies do when no echo comes
 RESET, END, BROWN_OUT = 1, 2, 3  # what `firmware/board` is told
 NO_ECHO_US = {1: 18_500, 2: 38_000}
 SERVO_AHEAD_US, SERVO_US_PER_RAD = 1500.0, 1000.0 / math.radians(90.0)
@@ -61,7 +62,7 @@ class World:
         """Called each 2 ms of the chip's time, with where its servo points."""
 
     def sonar_m(self, t_s: float, head_rad: float) -> float | None:
-        """A range; +Inf: no echo, -Inf: too close; None: there is no sonar."""
+        """A range; +Inf: no echo, -Inf: too close, NaN: stuck; None: there is no sonar."""
         return math.inf
 
     def infrared_m(self, t_s: float, head_rad: float) -> float:
@@ -231,6 +232,8 @@ class SimulatedBoard:
     def _echo(self, range_m: float | None) -> str:
         if range_m is None:
             return "0 0"
+        if math.isnan(range_m):
+            return f"{ECHO_DELAY_US[self._wires]} {STUCK_US}"
         if math.isinf(range_m):
             width_us = NO_ECHO_US[self._wires] if range_m > 0.0 else 80
         else:

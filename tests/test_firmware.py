@@ -229,9 +229,11 @@ def test_the_head_looks_where_its_lines_say(make: Make) -> None:
     assert np.abs(angles_deg - true_deg)[10:].max() < 2.5  # a step of the servo, and 15 ms
 
 
-def test_a_still_head_is_not_mentioned(make: Make) -> None:
-    packets = whole(packets_of(make, Scripted(), 1.0, options="-DHEAD_SWEEP_DEG=0"))
+def test_what_the_robot_lacks_is_not_mentioned(make: Make) -> None:
+    options = "-DHEAD_SWEEP_DEG=0 -DHAS_INFRARED=0"
+    packets = whole(packets_of(make, Scripted(), 1.0, options=options))
     assert len(ranges(packets, "ping")) >= 10
+    assert ranges(packets, "dirrs") == []
     assert not any(isinstance(packet.report, HeadReport) for packet in packets)
 
 
@@ -252,13 +254,23 @@ def test_it_says_who_it_is_and_why_it_booted(make: Make) -> None:
     assert sum(packet.fault is not None for packet in packets) <= 3  # what a boot cut
 
 
-@pytest.mark.parametrize(("wires", "range_m"), [(2, None), (1, None)])
-def test_a_sonar_that_is_not_there_is_named(make: Make, wires: int, range_m: float | None) -> None:
+@pytest.mark.parametrize(
+    ("wires", "sonar_m", "words"),
+    [
+        (2, None, "sonar: no pulse on pin 8"),
+        (1, None, "sonar: no pulse on pin 8"),
+        (2, math.nan, "sonar: pin 8 stays high"),
+    ],
+)
+def test_what_is_wrong_with_the_sonar_is_said(
+    make: Make, wires: int, sonar_m: float | None, words: str
+) -> None:
     options = f"-DSONAR_HAS_ONE_WIRE={2 - wires}"
-    world = Scripted(sonar_m=lambda t_s: range_m)
+    world = Scripted(sonar_m=lambda t_s: sonar_m)
     packets = whole(packets_of(make, world, 5.3, options=options, wires=wires))
-    assert texts(packets)[1:] == ["sonar: no pulse on pin 8"]
-    assert ranges(packets, "ping") == []
+    assert texts(packets)[1:] == [words]
+    assert {range_m for _, range_m in ranges(packets, "ping")} <= {math.inf}
+    assert (sonar_m is None) == (ranges(packets, "ping") == [])
     assert len(ranges(packets, "dirrs")) >= 90
 
 

@@ -89,7 +89,8 @@ static void report_boot()
 
 static void report_readings()
 {
-    report_range("dirrs", infrared_read());
+    if (HAS_INFRARED)
+        report_range("dirrs", infrared_read());
     range_reading sonar;
     switch (sonar_read(&sonar)) {
     case SONAR_WORKS:

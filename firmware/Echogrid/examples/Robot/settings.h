@@ -26,6 +26,10 @@
 /* Sound is faster when it is warm: 1.8 % in 10 degrees, thus 5 cm in 3 m. */
 #define AIR_CELSIUS 20
 
+/* 0 where there is none: an open pin shows anything. */
+#ifndef HAS_INFRARED
+#define HAS_INFRARED 1
+#endif
 /* Age of what the infrared ranger shows: it measures for 38 ms, shows it 5 ms later, for 38 ms. */
 #define INFRARED_AGE_MS 43
 
