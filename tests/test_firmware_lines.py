@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import os
+import platform
 import re
 import shutil
 import subprocess
@@ -154,7 +155,7 @@ def test_what_micropython_writes_is_understood(interpreter: str, tmp_path: Path)
 
 
 def test_micropython_is_there_in_ci() -> None:
-    if os.environ.get("CI") == "true" and sys.platform == "linux":
+    if os.environ.get("CI") == "true" and platform.machine() == "x86_64":
         assert len(interpreters()) == 2
 
 
