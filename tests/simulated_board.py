@@ -39,13 +39,13 @@ FIRMWARE = ROOT / "firmware"
 SOUND_MPS = 331.3 + 0.606 * 20.0  # in air of 20 degrees
 ECHO_DELAY_US = {1: 750, 2: 460}  # by the wires of the sonar: from the trigger to the pulse
 STUCK_US = 200_000  # what some copies do when no echo comes
-RESET, END, BROWN_OUT = 1, 2, 3  # what `firmware/board` is told
+RESET, END, BROWN_OUT = 1, 2, 3  # commands to `firmware/board`
 NO_ECHO_US = {1: 18_500, 2: 38_000}
 SERVO_AHEAD_US, SERVO_US_PER_RAD = 1500.0, 1000.0 / math.radians(90.0)
 SERVO_RADPS = math.radians(300.0)
 INFRARED_CYCLE_S, INFRARED_DELAY_S = 0.0383, 0.005
 POSE_PERIOD_S, POSE_ERROR_M, POSE_ERROR_RAD = 0.1, 0.003, math.radians(1.0)
-# Options of `record` that say how this robot is built.
+# Options of `record`: how this robot is built.
 WHEEL_RADIUS_M = 0.032
 BUILD = (
     f"--wheels={WHEEL_RADIUS_M},{WHEELS.track_m},"
@@ -241,7 +241,7 @@ class SimulatedBoard:
         return f"{ECHO_DELAY_US[self._wires]} {min(width_us, NO_ECHO_US[self._wires])}"
 
     def _turn_head(self, t_s: float, pulse_us: int) -> None:
-        """A servo goes where its latest pulse says, as fast as it can."""
+        """A servo follows its latest pulse, as fast as it can."""
         if pulse_us > 0:
             reach_rad = SERVO_RADPS * (t_s - self._servo_s)
             error_rad = (pulse_us - SERVO_AHEAD_US) / SERVO_US_PER_RAD - self._head_rad

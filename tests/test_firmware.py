@@ -79,7 +79,7 @@ def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
 
 
 class Scripted(World):
-    """Ranges by the time alone; wheels that go as they are told."""
+    """Ranges by the time alone; wheels that follow a function."""
 
     def __init__(
         self,
@@ -237,7 +237,7 @@ def test_what_the_robot_lacks_is_not_mentioned(make: Make) -> None:
     assert not any(isinstance(packet.report, HeadReport) for packet in packets)
 
 
-def test_it_says_who_it_is_and_why_it_booted(make: Make) -> None:
+def test_it_reports_its_name_and_why_it_booted(make: Make) -> None:
     def shake(board: SimulatedBoard) -> None:
         board.press_reset()
         board.run_until(7.0)
@@ -262,7 +262,7 @@ def test_it_says_who_it_is_and_why_it_booted(make: Make) -> None:
         (2, math.nan, "sonar: pin 8 stays high"),
     ],
 )
-def test_what_is_wrong_with_the_sonar_is_said(
+def test_what_is_wrong_with_the_sonar_is_reported(
     make: Make, wires: int, sonar_m: float | None, words: str
 ) -> None:
     options = f"-DSONAR_HAS_ONE_WIRE={2 - wires}"

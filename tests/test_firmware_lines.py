@@ -32,7 +32,7 @@ LIBRARY = FIRMWARE / "Echogrid"
 LINE_BYTES = 96
 INT32 = st.integers(-(2**31), 2**31 - 1)
 SEQ, MS = st.integers(0, 2**16 - 1), st.integers(0, 2**32 - 1)
-ROBOT_SAYS = """
+ROBOT_SENDS = """
 import sys
 sys.path.insert(0, {module!r})
 {before}
@@ -132,14 +132,14 @@ def interpreters() -> list[str]:
 def test_what_micropython_writes_is_understood(interpreter: str, tmp_path: Path) -> None:
     script = tmp_path / "main.py"
     module = str(FIRMWARE / "micropython")
-    script.write_text(ROBOT_SAYS.format(module=module, before=TICKS), "utf-8")
+    script.write_text(ROBOT_SENDS.format(module=module, before=TICKS), "utf-8")
     output = subprocess.run([interpreter, str(script)], capture_output=True, check=True).stdout
     packets = EchogridProtocol().feed(output)
     assert [packet.fault for packet in packets] == [None] * len(packets)
     assert [packet.seq for packet in packets] == list(range(len(packets)))
     hello = HelloReport(1, "pico", "test-1")
     text = "7.4 V, ?full? " + 90 * "x"
-    far = [hello, RangeReport("ping", 0.001)]  # four days later it says again who it is
+    far = [hello, RangeReport("ping", 0.001)]  # four days later it introduces itself again
     assert [packet.report for packet in packets] == [
         hello,
         RangeReport("ping", 0.523), RangeReport("ping", 0.523),

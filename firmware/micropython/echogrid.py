@@ -20,7 +20,7 @@ _END_BYTES = 11  # `*`, eight digits, CR and LF
 
 
 class Echogrid:
-    """Numbers the lines, dates them, and says every 5 s who speaks."""
+    """Numbers and dates the lines, and introduces the robot every 5 s."""
 
     def __init__(self, robot, firmware="micropython", stream=None):
         # The raw stream: text would get a second CR before each LF on some boards.

@@ -18,7 +18,8 @@ public:
 
     explicit Echogrid(Print &out) : out(out) {}
 
-    /* Who speaks: one word each, at most 32 characters. Said now, and again every 5 s. */
+    /* The robot's name and its firmware's: one word each, at most 32 characters. Sent now, and
+     * again every 5 s. */
     void begin(const char *robot, const char *firmware = "arduino");
 
     /* `ms`: when it was measured, in milliseconds since boot. Left out, it was just now. */

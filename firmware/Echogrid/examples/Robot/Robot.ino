@@ -23,7 +23,7 @@ static uint16_t seq = SEQ_AT_BOOT;
 static echogrid_line line;
 static uint32_t now_ms, hello_ms;
 static uint8_t frame_at_ms;
-static const char *trouble;  // the latest, until it is told
+static const char *trouble;  // the latest, until it is reported
 
 static void start(const char *kind, uint32_t ms)
 {

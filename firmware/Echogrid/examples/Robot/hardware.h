@@ -48,7 +48,7 @@ int16_t head_centidegrees(uint32_t ms);
 /* wheels.c */
 typedef struct {
     uint16_t left, right; /* quarter periods of the encoders; forwards counts up; may wrap */
-    uint16_t missed;      /* steps that came too fast to tell their direction */
+    uint16_t missed;      /* steps that came too fast to know their direction */
 } wheel_counts;
 void wheels_begin(void);
 wheel_counts wheels_read(void);

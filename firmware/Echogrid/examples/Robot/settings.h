@@ -33,7 +33,7 @@
 /* Age of what the infrared ranger shows: it measures for 38 ms, shows it 5 ms later, for 38 ms. */
 #define INFRARED_AGE_MS 43
 
-/* How far the head turns to either side; 0: it looks ahead, and no line tells of it. */
+/* How far the head turns to either side; 0: it looks ahead, and no line reports it. */
 #ifndef HEAD_SWEEP_DEG
 #define HEAD_SWEEP_DEG 60
 #endif
