@@ -225,6 +225,7 @@ int main(int argc, char **argv)
     static uart_pty_t serial_line;
     uart_pty_init(avr, &serial_line);
     uart_pty_connect(&serial_line, '0');
+    unlink("/tmp/simavr-uart0"); /* a link that it leaves behind */
     fprintf(world, "pty %s\n", serial_line.pty.slavename);
     fflush(world);
     avr_irq_register_notify(wires == 1 ? pin('B', ECHO) : pin('D', TRIGGER), trigger_changed, NULL);
