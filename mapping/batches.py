@@ -7,6 +7,7 @@ merged reading by reading from its temp grid.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -65,7 +66,7 @@ def adders(rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> 
     found: dict[str, list[int]] = {}
     for number in mine:
         found.setdefault(adder_of(rule, sensors, number), []).append(number)
-    kinds = {
+    kinds: dict[str, type[_Kernel]] = {
         "fading": _FadingReadings, "regions": _RegionReadings, "bands": _Bands, "cells": _Cells,
         "axes": _Axes,
     }  # fmt: skip
@@ -77,7 +78,7 @@ def adders(rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> 
     return made
 
 
-class _Single:
+class _Kernel:
     """What all kernels for readings of one axis have in common: the readings as they want them."""
 
     def __init__(self, rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> None:
@@ -102,10 +103,15 @@ class _Single:
         )
         heading_rad = readings.bearings_rad[axis] + start.heading_rad[rows]
         columns = (start.x_m[rows], start.y_m[rows], heading_rad, *ends)
-        return Columns(*(np.ascontiguousarray(each, np.float64) for each in columns), of)
+        x_m, y_m, heading_rad, far, front, band = map(np.ascontiguousarray, columns)
+        return Columns(x_m, y_m, heading_rad, far, front, band, of)
+
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        """See :class:`Adder`."""
+        raise NotImplementedError
 
     @property
-    def speaks_of_front(self) -> Floats:
+    def has_front_evidence(self) -> Floats:
         """1 where a sensor's model has evidence for the cells in front of the band, (S,)."""
         return np.array([_has_front_evidence(sensor) for sensor in self.sensors], np.float64)
 
@@ -129,7 +135,7 @@ def _fading_row(sensor: Sensor) -> tuple[float, ...]:
     return sensor.beam_width_rad / 2.0, sensor.hit, sensor.miss, sensor.near, sensor.fade_m
 
 
-class _FadingReadings(_Single):
+class _FadingReadings(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
         from mapping.kernels.batch.fading import add_fading
 
@@ -137,7 +143,7 @@ class _FadingReadings(_Single):
         in_parts(add_fading, *target, self.columns(readings, rows), table, threads=threads)
 
 
-class _RegionReadings(_Single):
+class _RegionReadings(_Kernel):
     def __init__(self, rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> None:
         from mapping.kernels.batch.region_tables import peak_sensor, regions_sensor, tables_of
 
@@ -158,7 +164,7 @@ class _RegionReadings(_Single):
         in_parts(add_regions, *target, columns, *self._tables, threads=threads)
 
 
-class _Bands(_Single):
+class _Bands(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
         from mapping.kernels.batch import counts
 
@@ -168,7 +174,7 @@ class _Bands(_Single):
     def _mark(self, target: Target, columns: Columns, what: int, threads: int) -> None:
         from mapping.kernels.batch.counts import add_bands
 
-        table = np.column_stack([self._half_rad, self.speaks_of_front])
+        table = np.column_stack([self._half_rad, self.has_front_evidence])
         array = target.array[0]
         in_parts(
             add_bands, array, target.observed, target.place, columns, table, what, threads=threads
@@ -187,7 +193,7 @@ class _Axes(_Bands):
         )  # fmt: skip
 
 
-class _Cells(_Single):
+class _Cells(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
         from mapping.kernels.batch import cell_tables, cellwise
 
@@ -256,4 +262,4 @@ def runs_of(values: NDArray[np.generic]) -> Iterator[tuple[int, int]]:
     """Where stretches of the same value begin and end."""
     borders = np.flatnonzero(values[1:] != values[:-1]) + 1
     edges = [0, *borders.tolist(), len(values)]
-    return zip(edges[:-1], edges[1:], strict=True) if len(values) else iter(())
+    return pairwise(edges) if len(values) else iter(())

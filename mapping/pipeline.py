@@ -78,7 +78,7 @@ def stretches(placed: Iterable[Readings], every: int) -> Iterator[Readings]:
         ):
             cut = every - readings.first_number % every
             yield Readings.joined([*waiting, readings[:cut]])
-            waiting, readings = [], readings[cut:]  # noqa: PLW2901
+            waiting, readings = [], readings[cut:]
         if len(readings):
             waiting.append(readings)
         if sum(map(len, waiting)) >= MANY:

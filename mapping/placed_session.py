@@ -26,7 +26,6 @@ from recorder.columns import (
     Block,
     Choice,
     Columns,
-    Floats,
     OtherColumns,
     PoseColumns,
     RangeColumns,

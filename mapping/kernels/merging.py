@@ -28,5 +28,5 @@ def add_log_odds(
             evidence = math.copysign(CLAMP, p - 0.5)
             if 0.0 < p < 1.0:
                 evidence = min(max(math.log(p / (1.0 - p)) * ONE, -CLAMP), CLAMP)
-            total = np.int64(cells[row0 + row, col0 + col]) + np.int64(np.rint(evidence))
-            cells[row0 + row, col0 + col] = min(max(total, -CLAMP), CLAMP)
+            total = float(cells[row0 + row, col0 + col] + np.rint(evidence))
+            cells[row0 + row, col0 + col] = np.int32(min(max(total, -CLAMP), CLAMP))

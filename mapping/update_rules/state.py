@@ -24,7 +24,7 @@ from mapping.update_rules.rules import (
 if TYPE_CHECKING:
     from mapping.kernels.batch.readings import Place
 
-STEP = 2.0**-24  # of log-odds
+STEP = np.float64(2.0**-24)  # of log-odds
 
 
 class Target(NamedTuple):
@@ -189,7 +189,8 @@ class MapState:
 
     def _cut(self, window: Window) -> Cells:
         if self._steps is not None:
-            return {"log_odds": self._steps[window.slices] * STEP}
+            log_odds: Floats = self._steps[window.slices] * STEP
+            return {"log_odds": log_odds}
         return {name: array[window.slices] for name, array in self._arrays.items()}
 
     def _largest_in(self, window: Window) -> float:
