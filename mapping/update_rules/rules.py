@@ -183,9 +183,8 @@ class Bayes(UpdateRule):
     name, kind, start = "bayes", "probability", {"log_odds": 0.0}
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
-        from mapping.kernels import merging
-
-        merging.add_log_odds(cells["log_odds"], temp.probability, CLAMP)
+        total = cells["log_odds"] + log_odds(temp.probability)
+        np.clip(total, -CLAMP, CLAMP, out=cells["log_odds"])
 
     def values(self, cells: Cells) -> Floats:
         probability: Floats = expit(cells["log_odds"])
