@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mapping.artifacts import Artifact, Finished
 from mapping.beams import Beam
 from mapping.config import MappingConfig
-from mapping.grid import GridGeometry, geometry_for
+from mapping.grid import GridGeometry, check_memory, geometry_for
 from mapping.live_placing import LivePlacer
 from mapping.pipeline import empty_maps, geometry_of, raw_lines, result_stages, started_run
 from mapping.sensor_model import beam_box_m, make_temp_grid
@@ -126,11 +126,14 @@ class _LiveRun:
         if section.origin_m is not None or section.size_m is not None:
             return geometry_of(self.placer.placed(beams), self._config)
         low, high = self._box_m(beams)
-        return geometry_for(
+        geometry = geometry_for(
             low, high, resolution_m=section.resolution_m,
             margin_m=max(ROOM_TO_GROW_M, float((high - low).max()) / 4.0),
             max_cells=section.max_cells,
         )  # fmt: skip
+        layers = {sensor.layer for sensor in self.placer.sensors.values()}
+        check_memory(geometry, len(layers), section.max_memory_mb)
+        return geometry
 
     def _box_m(self, beams: Iterable[Beam]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         boxes = [beam_box_m(beam, self.placer.sensors[beam.sensor]) for beam in beams]

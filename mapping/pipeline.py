@@ -16,7 +16,7 @@ from mapping.beams import Beam
 from mapping.borders import find_borders, threshold_layer, tracer_steps
 from mapping.config import MappingConfig
 from mapping.fusion import FUSED, classify, fuse
-from mapping.grid import GridGeometry, Layer, check_size, geometry_for
+from mapping.grid import GridGeometry, Layer, check_memory, check_size, geometry_for
 from mapping.parameters import Sensor
 from mapping.placing import Placed, place
 from mapping.segments import (
@@ -63,7 +63,14 @@ def build_maps(
 
 
 def geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:
-    """The configured grid, or the one that holds every beam and a margin."""
+    """The configured grid, or the one that holds every beam and a margin. BadInput: too large."""
+    geometry = _geometry_of(placed, config)
+    layers = {sensor.layer for sensor in placed.sensors.values()}
+    check_memory(geometry, len(layers), config.grid.max_memory_mb)
+    return geometry
+
+
+def _geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:
     section = config.grid
     boxes = [beam_box_m(beam, placed.sensors[beam.sensor]) for beam in placed.beams]
     low = np.min([box[0] for box in boxes], axis=0)

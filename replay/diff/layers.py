@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from mapping.artifacts import Border, Segment
 from mapping.grid import GridGeometry
 from mapping.update_rules import rule_of
+from recorder.errors import BadInput
 
 Values = NDArray[np.floating]
 Codes = NDArray[np.uint8]
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 CLASS_NAMES = ("unknown", "free", "occupied")
+MOST_CELLS = 33_000_000  # of all layers: as many as grid.max_memory_mb lets be made
 OCCUPIED_ABOVE, FREE_BELOW = 0.55, 0.45
 
 
@@ -160,6 +162,16 @@ def value_layer(
         rule=rule, extra=extra or {}, beam_width_rad=beam_width_rad,
     )  # fmt: skip
     return replace(layer, classes=classes_of(layer))
+
+
+def check_cells(path: Path, rows: int, cols: int, layers: int = 1) -> None:
+    """Raises BadInput for a map of a file that two of its kind could not be compared in memory."""
+    if rows * cols * layers > MOST_CELLS:
+        several = f" in {layers} layers" if layers > 1 else ""
+        raise BadInput(
+            f"{path}: {cols} x {rows} = {rows * cols:,} cells{several} are too many to compare "
+            f"(at most {MOST_CELLS:,})"
+        )
 
 
 def line_of(segment: Segment) -> Line:
