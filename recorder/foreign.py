@@ -44,7 +44,8 @@ def _in_one_line(subject: object, failed: str) -> Iterator[None]:
     except EchogridError:
         raise
     except OSError as error:
-        raise BadInput(f"{subject}: {error.strerror or reason_of(error)}") from None
+        why = error.strerror or f"{failed}: {reason_of(error)}"
+        raise BadInput(f"{subject}: {why}") from None
     except MemoryError:
         raise BadInput(f"{subject}: {failed}: it wants more memory than there is") from None
     except RecursionError:

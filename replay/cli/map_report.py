@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from recorder.cli.progress import progress_bar
+from recorder.names import printable
 
 if TYPE_CHECKING:
     from mapping.config import MappingConfig
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from replay.comparison_run import Comparison
     from replay.mapping_run import RunResult
 
+_MOST_LOSSES = 3
 _WIDEST = 160  # columns of text; a file or a pipe gets 80
 
 
@@ -68,10 +70,13 @@ def _report_files(left_out: str, rrd: Path | None, export: Path | None) -> None:
 
 
 def _report_damage(session: Path, damage: Sequence[str]) -> int:
-    """What of the session is lost; returns the exit code."""
-    for reason in damage:
-        click.echo(f"echogrid: {session}: {reason}", err=True)
-    return 1 if damage else 0
+    """What of the session is lost, in one line; returns the exit code."""
+    if not damage:
+        return 0
+    shown, more = damage[:_MOST_LOSSES], len(damage) - _MOST_LOSSES
+    rest = f"; and {more} more (echogrid info lists them)" if more > 0 else ""
+    click.echo(printable(f"echogrid: {session}: {'; '.join(shown)}{rest}"), err=True)
+    return 1
 
 
 def _report_unknown_sensors(config: MappingConfig, result: RunResult) -> None:
