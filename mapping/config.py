@@ -38,6 +38,7 @@ from recorder.sensors import CATALOGUE, SensorKind, kind_of, kind_of_radiation
 __all__ = [
     "PRESETS", "BordersSection", "FusionSection", "MappingConfig", "ReportedSensor",
     "SegmentsSection", "Sensor", "load_config", "resolve_sensor", "sensor_defaults", "unused_keys",
+    "unused_note",
 ]  # fmt: skip
 
 CHAPTER_PRESET: dict[str, Any] = {
@@ -171,6 +172,13 @@ def unused_keys(config: MappingConfig) -> list[str]:
         for name, section in config.sensors.items()
         for key in _set_keys(section) if key in owned and key not in used[name]
     ]  # fmt: skip
+
+
+def unused_note(config: MappingConfig) -> str:
+    """The same as a sentence; empty where all keys are used."""
+    keys = unused_keys(config)
+    verb = "is" if len(keys) == 1 else "are"
+    return f"{', '.join(keys)} {verb} set, but the chosen model or rule has no use for it" * bool(keys)
 
 
 def _used_keys(asked: Mapping[str, Any]) -> set[str]:

@@ -77,6 +77,11 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     return Placed(tuple(beams), sensors, len(readings), dict(used), dict(dropped))
 
 
+def no_poses(found: str) -> str:
+    """What to do about a session without poses."""
+    return f"no poses in the session (found: {found}); of a robot that stood still: --pose X,Y,DEG"
+
+
 def _found(messages: list[Message]) -> str:
     counts = Counter(type(m).__name__.lower() for m in messages)
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing"
@@ -93,7 +98,7 @@ def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]
     by_odometry = not tracked or config.pose.topic == "/odom"
     stamped = odometry if by_odometry else tracked
     if not stamped:
-        raise BadInput(f"no poses in the session (found: {_found(messages)})")
+        raise BadInput(no_poses(_found(messages)))
     sane = [(t_ns, pose) for t_ns, pose in stamped if is_sane(pose)]
     if len(sane) < len(stamped):
         dropped["pose not finite or too far"] = len(stamped) - len(sane)

@@ -43,6 +43,8 @@ def _in_one_line(subject: object, failed: str) -> Iterator[None]:
         yield
     except EchogridError:
         raise
+    except FileNotFoundError:
+        raise BadInput(f"{subject}: no such file") from None
     except OSError as error:
         why = error.strerror or f"{failed}: {reason_of(error)}"
         raise BadInput(f"{subject}: {why}") from None

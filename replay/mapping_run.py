@@ -15,6 +15,7 @@ from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.messages import Range, Scan
+from recorder.names import printable
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
 from recorder.truth import true_walls
@@ -77,7 +78,7 @@ def map_session(
     with ExitStack() as stack:
         writer = None
         if rrd is not None:
-            writer = stack.enter_context(_writer(rrd, config, path.name, watched))
+            writer = stack.enter_context(_writer(rrd, config, printable(path.name), watched))
             takers.append(writer)
         steps = itertools.chain([first], artifacts)
         total = reading_count(session)

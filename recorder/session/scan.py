@@ -48,6 +48,7 @@ from recorder.session.frames import (
 from recorder.session.unpacking import UnpackingBudget, records_of
 
 MAGIC = b"\x89MCAP0\r\n"
+_PACKED = {b"\x28\xb5": "zstd -d FILE", b"\x1f\x8b": "gunzip FILE", b"PK": "unzip FILE"}
 _RECORDING = b"RRF"  # what a recording of a mapping begins with
 _MAGIC_BYTES_TO_BELIEVE = 6  # of 8: one that is damaged does not make the file another's
 _FIRST_PRIVATE_OPCODE = 0x80
@@ -186,9 +187,11 @@ class SessionScan:
         if alike < _MAGIC_BYTES_TO_BELIEVE or self._size <= len(MAGIC):
             if magic.startswith(_RECORDING):
                 raise BadInput("not an MCAP file but a recording: look at it with echogrid view")
+            if program := _PACKED.get(magic[:2]):
+                raise BadInput(f"not an MCAP file but a packed one: unpack it with {program}")
             raise BadInput(
-                "not an MCAP file (it begins with other bytes); logs of other programs become one "
-                "with echogrid import"
+                "not an MCAP file (it begins with other bytes); logs and CSV files of other "
+                "programs become one with: echogrid import FILE -o SESSION.mcap"
             )
         self._damage.note("the first bytes of the file are damaged")
 

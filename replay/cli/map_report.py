@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mapping.cli import echo_unused
 from recorder.cli.progress import progress_bar
 from recorder.names import printable
 
@@ -37,6 +38,7 @@ def map_and_report(
     if not quiet:
         click.echo("\n".join(_map_report(result)))
         _report_unknown_sensors(config, result)
+        echo_unused(config)
         _report_files(result.left_out, rrd, export)
     return status
 
@@ -56,6 +58,8 @@ def compare_and_report(
     status = _report_damage(session, of_all.damage)
     if not quiet:
         click.echo("\n".join(_comparison_report(variants, comparison)))
+        for each in variants:
+            echo_unused(each.config, f"{each.name}: ")
         _report_files(of_all.left_out, rrd, export)
     return status
 
@@ -64,7 +68,7 @@ def _report_files(left_out: str, rrd: Path | None, export: Path | None) -> None:
     """What was written, and what of it was left out."""
     if left_out:
         click.echo(left_out)
-    written = [str(path) for path in (rrd, export) if path is not None]
+    written = [printable(str(path)) for path in (rrd, export) if path is not None]
     if written:
         click.echo("wrote " + " and ".join(written))
 

@@ -174,6 +174,12 @@ def check_cells(path: Path, rows: int, cols: int, layers: int = 1) -> None:
         )
 
 
+def check_place(path: Path, x_m: float, y_m: float, resolution_m: float) -> None:
+    """Raises BadInput for a corner and a side of a cell that are no place of a robot's map."""
+    if not (max(abs(x_m), abs(y_m)) <= 1e7 and 1e-6 <= resolution_m <= 1e6):  # NaN neither
+        raise BadInput(f"{path}: its origin and resolution are no place")
+
+
 def line_of(segment: Segment) -> Line:
     """What a comparison needs of a segment."""
     return Line(segment.source, segment.start_m, segment.end_m)

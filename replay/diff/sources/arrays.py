@@ -22,7 +22,16 @@ from mapping.update_rules import unit_gives_start
 from recorder.errors import BadInput
 from recorder.foreign import check_file, reading
 from recorder.outputs import written_beside
-from replay.diff.layers import Line, MapLayer, Outline, Source, Values, value_layer
+from replay.diff.layers import (
+    Line,
+    MapLayer,
+    Outline,
+    Source,
+    Values,
+    check_cells,
+    check_place,
+    value_layer,
+)
 
 Arrays = Mapping[str, NDArray[Any]]
 
@@ -43,10 +52,12 @@ def _source(path: Path, arrays: Arrays) -> Source:
     if "values" in arrays:
         layer = one_layer(path, arrays)
         return Source(path, "arrays", {layer.name: layer}, single=True)
+    several = [key for key in arrays if key.endswith("/values")]
+    if several:
+        check_cells(path, 1, sum(arrays[key].size for key in several))
     layers = {
         key.removesuffix("/values"): _of_many(path, arrays, key.removesuffix("/values"))
-        for key in arrays
-        if key.endswith("/values")
+        for key in several
     }
     if not layers:
         raise BadInput(f"{path}: holds no layer (an array named values)")
@@ -207,6 +218,6 @@ def _geometry(path: Path, arrays: Arrays, values: Values) -> GridGeometry:
         resolution_m = float(arrays["resolution_m"])
     except (TypeError, ValueError):
         raise BadInput(f"{path}: its origin_m or resolution_m are no numbers") from None
-    if not (np.isfinite([x, y, resolution_m]).all() and resolution_m > 0.0):
-        raise BadInput(f"{path}: its origin_m or resolution_m give no place")
+    check_place(path, x, y, resolution_m)
+    check_cells(path, *values.shape)
     return GridGeometry((x, y), resolution_m, *values.shape)

@@ -13,7 +13,7 @@ import numpy as np
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
 from recorder.foreign import read_text, reading
-from replay.diff.layers import Line, MapLayer, Outline, Source
+from replay.diff.layers import Line, MapLayer, Outline, Source, check_cells
 from replay.diff.sources.arrays import load_arrays, one_layer
 
 MOST_JSON_BYTES = 32 << 20
@@ -25,6 +25,7 @@ def read_folder(folder: Path) -> Source:
     layers: dict[str, MapLayer] = {}
     for file in sorted(folder.glob("*.npz")):
         layer = one_layer(file, load_arrays(file))
+        check_cells(file, *layer.geometry.shape, len(layers) + 1)
         layers[layer.name] = replace(
             layer,
             lines=_lines(folder, file.stem),

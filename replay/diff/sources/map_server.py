@@ -24,6 +24,7 @@ from replay.diff.layers import (
     MapLayer,
     Source,
     check_cells,
+    check_place,
     never_seen,
 )
 
@@ -148,9 +149,10 @@ def _described(file: Path) -> MapFile:
         raise BadInput(
             f"{file}: its origin, resolution, thresholds or negate are no numbers"
         ) from None
-    if not all(map(math.isfinite, (x, y, size, yaw, occupied, free))) or not 0.0 < size < 1e6:
-        raise BadInput(f"{file}: its origin and resolution are no place")
-    if abs(yaw) > 1e-9:
+    check_place(file, x, y, size)
+    if not all(map(math.isfinite, (occupied, free))):
+        raise BadInput(f"{file}: its thresholds are no numbers")
+    if not abs(yaw) <= 1e-9:
         raise BadInput(f"{file}: the map is turned by {yaw:g} rad, which cannot be compared")
     mode = str(values.get("mode", "trinary")).lower()
     if mode not in ("trinary", "scale", "raw"):
