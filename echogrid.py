@@ -6,6 +6,7 @@ heavy is imported here; each command imports what it needs when it runs.
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Sequence
@@ -15,6 +16,7 @@ import click
 
 from mapping import cli as mapping_cli
 from recorder import cli as recorder_cli
+from recorder.names import printable
 from recorder.outputs import NO_ROOM
 from replay import cli as replay_cli
 
@@ -53,6 +55,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line. 0: done; 1: differs or lost something; 2: bad input, in one line."""
     from recorder.errors import EchogridError
 
+    _take_every_name()
     try:
         result = cli.main(
             args=None if argv is None else list(argv), prog_name="echogrid", standalone_mode=False
@@ -61,11 +64,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         error.show()
         return 2
     except click.ClickException as error:
-        click.echo(f"echogrid: {' '.join(error.format_message().split())}", err=True)
-        return 2
+        return _refused(" ".join(error.format_message().split()))
     except EchogridError as error:
-        click.echo(f"echogrid: {error}", err=True)
-        return 2
+        return _refused(str(error))
     except (KeyboardInterrupt, click.Abort):
         click.echo("echogrid: stopped", err=True)
         return 1
@@ -73,11 +74,25 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except OSError as error:
-        if error.errno not in NO_ROOM:  # all else is reported by who knows more, or is a bug
+        if error.filename is not None:  # a file that somebody named, or one beside it
+            return _refused(f"{os.fsdecode(error.filename)}: {error.strerror}")
+        if error.errno not in NO_ROOM:  # all else is a bug
             raise
-        click.echo(f"echogrid: {error.strerror}", err=True)
-        return 2
+        return _refused(str(error.strerror))
     return result if isinstance(result, int) else 0
+
+
+def _refused(why: str) -> int:
+    """One line on standard error; nothing in it that a terminal would obey."""
+    click.echo(f"echogrid: {printable(why)}", err=True)
+    return 2
+
+
+def _take_every_name() -> None:
+    """A file's name may hold what standard output cannot write: it is then shown escaped."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
 
 
 if __name__ == "__main__":

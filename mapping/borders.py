@@ -52,11 +52,12 @@ class WalkStep:
 
 
 def threshold_layer(layer: Layer, threshold: float) -> Thresholded:
-    """Which cells of a layer are occupied: probability strictly above the threshold.
+    """Which cells of a layer are occupied: seen, and their probability above the threshold.
 
-    A threshold as the layer's own float32 sees it, so that 0.55 is not above 0.55.
+    A cell that no reading ever touched is never occupied, whatever stands for the unknown. The
+    threshold is as the layer's own float32 sees it, so that 0.55 is not above 0.55.
     """
-    occupied = layer.probability > np.float32(threshold)  # NaN compares as free
+    occupied = layer.observed & (layer.probability > np.float32(threshold))  # NaN is not above
     read_only(occupied)
     return Thresholded(layer.name, layer.geometry, threshold, occupied)
 

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from recorder.cli import options
+from recorder.names import printable
+
+if TYPE_CHECKING:
+    from mapping.config import MappingConfig
 
 config_option = click.option(
     "--config",
@@ -53,11 +58,23 @@ def config(
     for plugin in plugins:
         load_plugin(plugin)
     if len(configs) < 2:
-        click.echo(explained_toml(load_config(configs, settings, preset)), nl=False)
+        merged = load_config(configs, settings, preset)
+        click.echo(explained_toml(merged), nl=False)
+        echo_unused(merged)
         return 0
     for file in configs:  # as for map: each is a configuration of its own
-        click.echo(f"# {file}\n{explained_toml(load_config([file], settings, preset))}")
+        alone = load_config([file], settings, preset)
+        click.echo(f"# {printable(str(file))}\n{explained_toml(alone)}")
+        echo_unused(alone, f"{file}: ")
     return 0
+
+
+def echo_unused(config: MappingConfig, whose: str = "") -> None:
+    """Report keys that are set in vain, which may be meant for another model."""
+    from mapping.config import unused_note
+
+    if note := unused_note(config):
+        click.echo(printable(f"echogrid: {whose}{note}"), err=True)
 
 
 @click.command(epilog="Example:  echogrid check my_rule.py")

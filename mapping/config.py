@@ -29,14 +29,16 @@ from mapping.parameters import Configurable, ParameterSection, Section, Sensor
 from mapping.sensor_model.models import SENSOR_MODELS
 from mapping.update_rules.rules import UPDATE_RULES
 from recorder.errors import BadInput
+from recorder.foreign import read_text, reading, reason_of
 from recorder.geometry import SE2
 from recorder.messages import Radiation
-from recorder.names import nearest
+from recorder.names import nearest, printable, unusable_name
 from recorder.sensors import CATALOGUE, SensorKind, kind_of, kind_of_radiation
 
 __all__ = [
     "PRESETS", "BordersSection", "FusionSection", "MappingConfig", "ReportedSensor",
     "SegmentsSection", "Sensor", "load_config", "resolve_sensor", "sensor_defaults", "unused_keys",
+    "unused_note",
 ]  # fmt: skip
 
 CHAPTER_PRESET: dict[str, Any] = {
@@ -45,6 +47,11 @@ CHAPTER_PRESET: dict[str, Any] = {
     "fusion": {"rule": "weights", "weights": "angular"},
 }  # fmt: skip
 PRESETS = {"chapter": CHAPTER_PRESET}
+
+
+_DEEPEST = 8  # sensors, a name, a key, a list in it: four are used
+_LONGEST_SHOWN = 80
+_LEAST, _MOST = 1e-9, 1e9  # of what a session reports of a sensor: anything else is a fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +91,7 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     """
     asked = {**_set_keys(config.sensors.get("*")), **_set_keys(config.sensors.get(reported.name))}
     asked.pop("topic", None)
+    _check_names(reported.name, asked.get("layer"))
     kind = str(asked.pop("kind", None) or kind_of(reported.name, reported.radiation).name)
     base = sensor_defaults(CATALOGUE.get(kind) or kind_of_radiation(reported.radiation))
     own = {
@@ -91,7 +99,9 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
         "min_range_m": reported.min_range_m,
         "max_range_m": reported.max_range_m,
     }
-    reported_values = {k: v for k, v in own.items() if math.isfinite(v) and v > 0}
+    reported_values = {k: v for k, v in own.items() if _LEAST <= v <= _MOST}
+    if reported_values.get("beam_width_deg", 0.0) > 360.0:
+        del reported_values["beam_width_deg"]
     values = {**parameter_defaults(), **base, **reported_values, **asked}
     mount = asked.get("mount", None if mounted else base["mount"])
     values.pop("mount")
@@ -108,6 +118,14 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
         own={key: values.pop(key) for key in parameter_keys() if key not in _SENSOR_FIELDS},
         **values,
     )
+
+
+def _check_names(sensor: str, layer: str | None) -> None:
+    """Names go into files, the viewer and terminals. Raises BadInput with the way out."""
+    if why := unusable_name(sensor):
+        raise BadInput(f"a sensor cannot be called {_short(sensor)}: {why}")
+    if layer and (why := unusable_name(layer)):
+        raise BadInput(f"sensors.{sensor}.layer: a layer cannot be called {_short(layer)}: {why}")
 
 
 _SENSOR_FIELDS = frozenset(each.name for each in fields(Sensor))
@@ -154,6 +172,13 @@ def unused_keys(config: MappingConfig) -> list[str]:
         for name, section in config.sensors.items()
         for key in _set_keys(section) if key in owned and key not in used[name]
     ]  # fmt: skip
+
+
+def unused_note(config: MappingConfig) -> str:
+    """The same as a sentence; empty where all keys are used."""
+    keys = unused_keys(config)
+    verb = "is" if len(keys) == 1 else "are"
+    return f"{', '.join(keys)} {verb} set, but the chosen model or rule has no use for it" * bool(keys)
 
 
 def _used_keys(asked: Mapping[str, Any]) -> set[str]:
@@ -206,24 +231,51 @@ def parse_setting(setting: str) -> dict[str, Any]:
     """``a.b=c`` → {"a": {"b": c}}; c is read as TOML where it is TOML, else as text."""
     path, equals, text = setting.partition("=")
     keys = [key.strip() for key in path.split(".")]
-    if not equals or not all(keys):
-        raise BadInput(f"--set takes section.key=value, not {setting!r}")
+    if not equals or not all(keys) or len(keys) > _DEEPEST:
+        raise BadInput(f"--set takes section.key=value, not {_short(setting)}")
     try:
         value: Any = tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         value = text.strip()
+    except (ValueError, RecursionError) as error:
+        raise BadInput(f"--set {path}: {reason_of(error)}") from None
     for key in reversed(keys):
         value = {key: value}
+    _check_plain(value, f"--set {path}")
     return dict(value)
 
 
+def parse_toml(text: str, subject: object) -> dict[str, Any]:
+    """A configuration as TOML. Raises BadInput, with ``subject``, for what nobody writes by hand:
+    what is no TOML, nested deeper than sections and keys are, or holds numbers of over 64 bits."""
+    with reading(subject, "TOML"):
+        values = tomllib.loads(text)
+    _check_plain(values, subject)
+    return values
+
+
+def _check_plain(values: Any, subject: object) -> None:
+    """What follows goes through the values by recursion: they may not be nested deeply."""
+    level = [values]
+    for _ in range(_DEEPEST):
+        if any(isinstance(v, int) and abs(v) >= 1 << 63 for v in level):
+            raise BadInput(f"{subject}: a number is too large")
+        level = [
+            inner
+            for each in level if isinstance(each, dict | list)
+            for inner in (each.values() if isinstance(each, dict) else each)
+        ]  # fmt: skip
+    if level:
+        raise BadInput(f"{subject}: nested more than {_DEEPEST} deep")
+
+
+def _short(value: Any) -> str:
+    """A value as it would be written, cut where it is long."""
+    return printable(repr(value), most=_LONGEST_SHOWN)
+
+
 def _read_toml(file: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise BadInput(f"{file}: {error.strerror or error}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInput(f"{file}: not TOML: {error}") from None
+    return parse_toml(read_text(file, "TOML", may_be_empty=True), file)
 
 
 def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -241,14 +293,18 @@ def _in_one_line(error: ValidationError) -> str:
     first = error.errors()[0]
     path = [str(part) for part in first["loc"]]
     if first["type"] == "extra_forbidden":
-        return f"unknown key {'.'.join(path)}{_nearest_key(path)}"
+        return f"unknown key {_key(path)}{_nearest_key(path)}"
     if first["type"] == "tuple_type":
         reason = "numbers in square brackets are wanted, as in [1.5, 2]"
     elif first["type"] == "missing":  # of a list of numbers; keys all have a default
         reason = "a number is missing"
     else:
         reason = first["msg"].lower()
-    return f"{'.'.join(path)}: {reason} (not {first['input']!r})"
+    return f"{_key(path)}: {reason} (not {_short(first['input'])})"
+
+
+def _key(path: list[str]) -> str:
+    return printable(".".join(path), most=_LONGEST_SHOWN)
 
 
 def _nearest_key(path: list[str]) -> str:

@@ -9,7 +9,15 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, SerializeAsAny, create_model
 from pydantic.fields import FieldInfo
 
-from mapping.parameters import Configurable, Coordinate, Fraction, NonNegative, Positive, Section
+from mapping.parameters import (
+    MOST,
+    Configurable,
+    Coordinate,
+    Fraction,
+    NonNegative,
+    Positive,
+    Section,
+)
 from mapping.sensor_model.models import SENSOR_MODELS
 from mapping.update_rules.rules import UPDATE_RULES
 
@@ -44,7 +52,10 @@ class GridSection(Section):
     size_m: tuple[Positive, Positive] | None = Field(
         None, description="width and height; default: what the session needs"
     )
-    max_cells: int = Field(100_000_000, gt=0, description="a larger grid is refused")
+    max_cells: int = Field(100_000_000, gt=0, le=1 << 40, description="a larger grid is refused")
+    max_memory_mb: Annotated[float, Field(ge=1, le=MOST)] = Field(
+        1000.0, description="so are maps that would take more memory, all layers together"
+    )
 
 
 class SensorSection(Section):
@@ -56,7 +67,7 @@ class SensorSection(Section):
 
     topic: str | None = Field(None, description="topic of its readings; default /range/NAME")
     kind: str | None = Field(None, description="what the sensor is: ping, dirrs, lidar")
-    beam_width_deg: Annotated[float, Field(gt=0, le=360)] | None = Field(
+    beam_width_deg: Annotated[float, Field(gt=0, ge=1e-9, le=360)] | None = Field(
         None, description="full width of the beam"
     )
     range_error: Annotated[float, Field(ge=0, lt=1)] | None = Field(
@@ -172,7 +183,7 @@ class SegmentsSection(Section):
         None, description="largest rms of a line that grows or is merged; default 0.4 epsilon_m"
     )
     merge_angle_deg: Positive = Field(10.0, description="merge by angle: neighbours that bend less")
-    corner_angle_deg: Annotated[float, Field(gt=0, le=90)] = Field(
+    corner_angle_deg: Annotated[float, Field(gt=0, ge=1e-9, le=90)] = Field(
         10.0, description="neighbours that bend less do not meet in a corner"
     )
     corner_reach_m: NonNegative = Field(
@@ -187,9 +198,9 @@ class SegmentsSection(Section):
     )
     gap_m: Positive = Field(0.3, description="pieces of a line further apart are not joined")
     raw_gap_m: Positive = Field(0.15, description="nor are a ranger's neighbouring points")
-    min_points: int = Field(5, ge=2, description="fewer points make no line")
+    min_points: int = Field(5, ge=2, le=MOST, description="fewer points make no line")
     min_length_m: NonNegative = Field(0.2, description="shorter lines are left out")
-    seed: int = Field(0, description="of the methods that draw at random")
+    seed: int = Field(0, ge=0, lt=1 << 32, description="of the methods that draw at random")
 
     @property
     def largest_rms_m(self) -> float:
@@ -200,16 +211,24 @@ class SegmentsSection(Section):
 class RerunSection(Section):
     """What of a run is shown in the recording."""
 
-    every: int = Field(1, ge=1, description="every k-th reading is shown; all of them are mapped")
+    every: int = Field(
+        1, ge=1, le=MOST, description="every k-th reading is shown; all of them are mapped"
+    )
     stages_every: int = Field(
-        0, ge=0, description="borders, lines and fusion after every k readings; 0: at the end"
+        0,
+        ge=0,
+        le=MOST,
+        description="borders, lines and fusion after every k readings; 0: at the end",
     )
     line_stages: Literal["together", "each", "none"] = Field(
         "together",
         description="splits, merges, fits and corners at the end: a step a kind, or one for each",
     )
     tracer_steps: int = Field(
-        0, ge=0, description="so many steps of the tracer along each layer's longest border"
+        0,
+        ge=0,
+        le=MOST,
+        description="so many steps of the tracer along each layer's longest border",
     )
     budget_mb: Positive = Field(100.0, description="size that the recording should stay under")
     display: tuple[Display, ...] = Field(

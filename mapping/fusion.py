@@ -23,6 +23,7 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FUSED = "fused"
+MOST_LAYERS = 100  # a class map has a code, of 256, for each layer's occupied and empty cells
 
 
 def fuse(layers: Sequence[Layer], sensors: Iterable[Sensor], section: FusionSection) -> Layer:
@@ -46,11 +47,29 @@ def fuse(layers: Sequence[Layer], sensors: Iterable[Sensor], section: FusionSect
     return Layer(FUSED, "probability", layers[0].geometry, values, values, observed, {})
 
 
+def check_layers(sensors: Iterable[Sensor]) -> None:
+    """Raises BadInput for too many layers, and for one in the place of the fused one."""
+    layers = {sensor.layer: sensor.name for sensor in sensors}
+    if len(layers) > MOST_LAYERS:
+        raise BadInput(
+            f"{len(layers)} layers, at most {MOST_LAYERS}: sensors.NAME.layer puts several sensors "
+            "into one"
+        )
+    if FUSED in layers and len(layers) > 1:
+        raise BadInput(
+            f"sensor {layers[FUSED]} fills a layer {FUSED!r}, as the map of all layers is called: "
+            f"rename it with sensors.{layers[FUSED]}.layer"
+        )
+
+
 def weighted(layers: Sequence[Layer], weights: Sequence[float]) -> Floats:
-    """Σ w p, (rows, cols): between the least and the greatest of the layers in each cell."""
+    """Σ w p, (rows, cols): between the least and the greatest of the layers in each cell.
+
+    Where none of its readings ever was, a layer is undecided, whatever its rule holds there.
+    """
     total = np.zeros(layers[0].geometry.shape)
     for layer, weight in zip(layers, weights, strict=True):
-        total += weight * layer.probability.astype(np.float64)
+        total += weight * np.where(layer.observed, layer.probability, 0.5).astype(np.float64)
     return total
 
 

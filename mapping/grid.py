@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from recorder.errors import BadInput
 
 FloatArray = NDArray[np.float64]
+BYTES_PER_CELL = 30  # of each layer, measured: the rule's array, what is drawn and what is exported
 
 
 def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
@@ -127,6 +128,18 @@ def check_size(rows: int, cols: int, *, resolution_m: float, max_cells: int) -> 
             f"the grid would have {cols} x {rows} = {rows * cols:,} cells "
             f"({cols * resolution_m:.4g} x {rows * resolution_m:.4g} m at {resolution_m:g} m), "
             f"more than grid.max_cells = {max_cells:,}"
+        )
+
+
+def check_memory(geometry: GridGeometry, layers: int, max_memory_mb: float) -> None:
+    """Refuse maps of so many layers, and the one fused of them, that would take too much memory."""
+    cells = geometry.rows * geometry.cols
+    needed_mb = cells * (layers + (layers > 1)) * BYTES_PER_CELL / 1e6
+    if needed_mb > max_memory_mb:
+        raise BadInput(
+            f"maps of {geometry.cols} x {geometry.rows} = {cells:,} cells in "
+            f"{layers} layer{'s' * (layers > 1)} would take about {needed_mb:,.0f} MB, more than "
+            f"grid.max_memory_mb = {max_memory_mb:g}: a larger grid.resolution_m makes fewer cells"
         )
 
 

@@ -13,7 +13,8 @@ import numpy as np
 
 from mapping.artifacts import Artifact
 from mapping.batches import Adder, adder_of, adders, runs_of
-from mapping.grid import GridGeometry, Layer
+from mapping.config_sections import GridSection
+from mapping.grid import GridGeometry, Layer, check_memory
 from mapping.parameters import Sensor
 from mapping.readings import Readings
 from mapping.sensor_model import make_temp_grid
@@ -89,8 +90,12 @@ class LayerMap:
 
 
 def empty_maps(
-    sensors: Sequence[Sensor], geometry: GridGeometry, *, threads: int = 1
+    sensors: Sequence[Sensor], geometry: GridGeometry, section: GridSection, *, threads: int = 1
 ) -> dict[str, LayerMap]:
-    """A map without readings for each layer that the sensors fill, by name."""
+    """A map without readings for each layer that the sensors fill, by name.
+
+    Raises BadInput where they would take more memory than the configuration allows.
+    """
     layers = dict.fromkeys(sensor.layer for sensor in sensors)
+    check_memory(geometry, len(layers), section.max_memory_mb)
     return {name: LayerMap(name, sensors, geometry, threads=threads) for name in layers}

@@ -135,7 +135,8 @@ class _LiveRun:
     def _begin_anew(self) -> Iterator[Artifact]:
         """A grid for all readings so far with room to grow, and they merged into it."""
         sensors, geometry = self._readings[-1].sensors, self._roomy()
-        grids = _Grids(sensors, geometry, empty_maps(sensors, geometry), Trail(geometry))
+        maps = empty_maps(sensors, geometry, self._config.grid)
+        grids = _Grids(sensors, geometry, maps, Trail(geometry))
         self._grids = grids
         yield started_run(sensors, self._counts(), geometry, self._walls_m)
         for readings in stretches(self._readings, 0):

@@ -15,8 +15,10 @@ from pydantic import BaseModel, ConfigDict, Field
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+# Within these bounds nothing that is computed of settings runs over, or down to nothing.
+MOST = 1e9
+Positive = Annotated[float, Field(gt=0, ge=1e-9, le=MOST, allow_inf_nan=False)]
+NonNegative = Annotated[float, Field(ge=0, le=MOST, allow_inf_nan=False)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 # No robot of ours is farther from its map's origin, in metres; nor has it turned so far.
 Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]

@@ -55,8 +55,8 @@ def build_maps(
     placed = session if isinstance(session, PlacedSession) else place_session(session, config)
     total, sensors = sum(placed.counts.used.values()), placed.placement.sensors
     geometry = geometry_of(placed, config)
+    maps, trail = empty_maps(sensors, geometry, config.grid, threads=threads), Trail(geometry)
     yield started_run(sensors, placed.counts, geometry, walls_m)
-    maps, trail = empty_maps(sensors, geometry, threads=threads), Trail(geometry)
     every = config.rerun.stages_every
     for readings in stretches(placed, every):
         yield from merge(readings, maps, watched=watched, merged=merged)

@@ -18,6 +18,7 @@ from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import MotionGatherer, fixed_track
 from mapping.pending import first_readings
 from mapping.placer import Placement, Placer, settled_sensors
+from mapping.placing import no_poses
 from mapping.readings import Readings
 from mapping.tracks import MotionTrack
 from recorder.clock import NS_PER_S
@@ -210,7 +211,7 @@ class _Knowledge:
             return fixed_track(self._config, self._times.first_ns, self._times.last_ns), {}
         by_odometry = pose.topic == "/odom" or not self._counts["pose"]
         if not self._counts["odometry" if by_odometry else "pose"]:
-            raise BadInput(f"no poses in the session (found: {self.found})")
+            raise BadInput(no_poses(self.found))
         bad = motion.bad_poses[by_odometry]
         track = motion.track(by_odometry=by_odometry)
         if by_odometry and pose.odom_start == "tracker":

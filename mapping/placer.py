@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import LiveMotion
 from mapping.pending import Pending, SensorTable, first_readings
-from mapping.placing import resolve_sensors
+from mapping.placing import FARTHEST_TURN_RAD, resolve_sensors
 from mapping.poses import FrameTree, Track
 from mapping.readings import Readings
 from mapping.tracks import Frames, Motions, MotionTrack
@@ -207,6 +207,7 @@ def _checked_scans(pending: Pending, table: SensorTable) -> tuple[Floats, NDArra
     ranges_m = pending.ranges_m.copy()
     with np.errstate(invalid="ignore"):
         usable = ranges_m >= np.maximum(table.min_m, _LEAST_M)[sensor]
+        usable &= np.abs(pending.bearings_rad()) <= FARTHEST_TURN_RAD
         ranges_m[usable & (ranges_m >= table.max_m[sensor])] = np.inf
     return ranges_m, usable
 

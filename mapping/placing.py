@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mapping.beams import Beam
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
+from mapping.fusion import check_layers
 from mapping.poses import FrameTree, Track, is_sane
 from recorder.errors import BadInput
 from recorder.geometry import SE2
@@ -26,6 +27,8 @@ from recorder.messages import (
     Scan,
     Transform,
 )
+
+FARTHEST_TURN_RAD = 100.0  # no beam of a scan points so far around: its angle is no number
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +77,11 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     return Placed(tuple(beams), sensors, len(readings), dict(used), dict(dropped))
 
 
+def no_poses(found: str) -> str:
+    """What to do about a session without poses."""
+    return f"no poses in the session (found: {found}); of a robot that stood still: --pose X,Y,DEG"
+
+
 def _found(messages: list[Message]) -> str:
     counts = Counter(type(m).__name__.lower() for m in messages)
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing"
@@ -90,7 +98,7 @@ def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]
     by_odometry = not tracked or config.pose.topic == "/odom"
     stamped = odometry if by_odometry else tracked
     if not stamped:
-        raise BadInput(f"no poses in the session (found: {_found(messages)})")
+        raise BadInput(no_poses(_found(messages)))
     sane = [(t_ns, pose) for t_ns, pose in stamped if is_sane(pose)]
     if len(sane) < len(stamped):
         dropped["pose not finite or too far"] = len(stamped) - len(sane)
@@ -140,10 +148,12 @@ def resolve_sensors(
     }
     of_kind = Counter(sensor.kind for sensor in found.values())
     of_kind.update(sensor.layer for sensor in known.values())
-    return {**known} | {
+    settled = {**known} | {
         name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
         for name, s in found.items()
     }
+    check_layers(settled.values())
+    return settled
 
 
 def _reported(reading: Range | Scan) -> ReportedSensor:
@@ -204,6 +214,7 @@ def _checked(
         ranges = np.array(reading.ranges_m, np.float64)
         # A beam that is not usable is no evidence; one past the limit saw nothing.
         ranges[~(ranges >= max(sensor.min_range_m, 1e-9))] = np.nan
+        ranges[~(np.abs(_bearings(reading)) <= FARTHEST_TURN_RAD)] = np.nan
         ranges[ranges >= sensor.max_range_m] = np.inf
         if np.isnan(ranges).all():
             return "no usable beam"

@@ -7,12 +7,15 @@ own, like the built-in ones. The file is run as Python: load only files that you
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import functools
+import inspect
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from types import ModuleType
-from typing import TypeVar
+from typing import Any, TypeVar
 
+import numpy as np
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
@@ -21,7 +24,9 @@ from mapping.parameters import Configurable, ParameterSection, Sensor
 from mapping.sensor_model import SENSOR_MODELS, SensorModel
 from mapping.update_rules import UPDATE_RULES, UpdateRule
 from recorder.errors import BadInput
-from recorder.plugin_files import one_line, run_file
+from recorder.foreign import calling
+from recorder.names import unusable_name
+from recorder.plugin_files import run_file
 
 Member = TypeVar("Member", SensorModel, UpdateRule)
 
@@ -46,15 +51,16 @@ def load_plugin(path: Path | str) -> Plugin:
     path = Path(path)
     module = run_file(path)
     own = [value for value in vars(module).values() if _defined_in(value, module)]
-    models = tuple(_made(c, path) for c in own if issubclass(c, SensorModel))
-    rules = tuple(_made(c, path) for c in own if issubclass(c, UpdateRule))
+    models = tuple(_made(c, SensorModel, path) for c in own if issubclass(c, SensorModel))
+    rules = tuple(_made(c, UpdateRule, path) for c in own if issubclass(c, UpdateRule))
     if not models and not rules:
         raise BadInput(f"{path}: defines no class derived from SensorModel or UpdateRule")
-    for rule in rules:
-        _check_rule(rule, path)
-    for model in models:
-        _check_overridden(model, SensorModel, ("occupied",), path)
-    _check_keys((*models, *rules), path)
+    with calling(path, "what it defines"):
+        for rule in rules:
+            _check_rule(rule, path)
+        for model in models:
+            _check_overridden(model, SensorModel, ("occupied",), path)
+        _check_keys((*models, *rules), path)
     SENSOR_MODELS.update({model.name: model for model in models})
     UPDATE_RULES.update({rule.name: rule for rule in rules})
     return Plugin(models, rules)
@@ -70,17 +76,66 @@ def _defined_in(value: object, module: ModuleType) -> bool:
     return value.__module__ == module.__name__
 
 
-def _made(kind: type[Member], path: Path) -> Member:
+def _made(kind: type[Member], base: type, path: Path) -> Member:
     """An instance of a plugin's class, once its name is known to be usable."""
     name = kind.name
     if not isinstance(name, str) or not name:
         raise BadInput(f'{path}: class {kind.__name__} needs a name, such as name = "mine"')
+    if why := unusable_name(name):
+        raise BadInput(f"{path}: class {kind.__name__} cannot have the name {name!r}: {why}")
     if name in _BUILT_IN:
         raise BadInput(f"{path}: class {kind.__name__} takes the name {name!r}, which is built in")
-    try:
-        return kind()
-    except Exception as error:
-        raise BadInput(f"{path}: {kind.__name__}() fails: {one_line(error)}") from error
+    with calling(path, f"{kind.__name__}()"):
+        return through_door(kind, base, path)()
+
+
+def through_door(kind: type[Member], base: type, path: Path) -> type[Member]:
+    """The class with each method of its own called so that what it raises names file and method.
+
+    What comes back of those in ``_SHAPED`` must have the shape that the pipeline takes.
+    """
+    own = {
+        name: _guarded(method, path, f"{kind.__name__}.{name}", _SHAPED.get(name))
+        for name, method in ((each, getattr(kind, each)) for each in vars(base))
+        if inspect.isfunction(method) and method is not vars(base)[name]
+    }
+    return type(kind.__name__, (kind,), {**own, "__module__": kind.__module__})
+
+
+def _guarded(
+    method: Callable[..., Any], path: Path, what: str, shaped: Callable[..., str] | None
+) -> Callable[..., Any]:
+    @functools.wraps(method)
+    def call(self: Any, *given: Any, **named: Any) -> Any:
+        with calling(path, what), np.errstate(all="ignore"):
+            result = method(self, *given, **named)
+            wrong = shaped(result, *given) if shaped is not None else ""
+        if wrong:
+            raise BadInput(f"{path}: {what} returns {wrong}")
+        return result
+
+    return call
+
+
+def _other_shape(result: Any, wanted: tuple[int, ...]) -> str:
+    """What is wrong with an array; empty where it is one of numbers in the shape wanted."""
+    array = np.asarray(result)
+    if array.dtype.kind not in "fiub":
+        return f"{type(result).__name__}, not numbers"
+    return "" if array.shape == wanted else f"the shape {array.shape}, not {wanted}"
+
+
+def _cells_shape(result: Any, cells: Mapping[str, Any], *_: Any) -> str:
+    return _other_shape(result, next(iter(cells.values())).shape)
+
+
+_SHAPED: dict[str, Callable[..., str]] = {
+    "band": lambda result, *_: _other_shape(result, (2,)),
+    "occupied": lambda result, _, beam_cells: _other_shape(result, beam_cells.rho_m.shape),
+    "values": _cells_shape,
+    "probability": _cells_shape,
+    "probability_of_values": lambda result, values, *_: _other_shape(result, values.shape),
+}
 
 
 def _check_rule(rule: UpdateRule, path: Path) -> None:

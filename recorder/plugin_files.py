@@ -11,6 +11,7 @@ from pathlib import Path
 from types import ModuleType
 
 from recorder.errors import BadInput
+from recorder.foreign import check_file, reason_of
 
 
 def run_file(path: Path) -> ModuleType:
@@ -18,8 +19,9 @@ def run_file(path: Path) -> ModuleType:
     name = f"echogrid_plugin_{path.stem}"
     if path.is_dir():
         raise BadInput(f"{path}: a folder, not a Python file")
-    if not path.is_file():
+    if not path.exists():
         raise BadInput(f"{path}: no such file")
+    check_file(path)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise BadInput(f"{path}: not a Python file (its name must end in .py)")
@@ -29,6 +31,8 @@ def run_file(path: Path) -> ModuleType:
         spec.loader.exec_module(module)
     except SyntaxError as error:
         raise BadInput(f"{path}, line {error.lineno}: {error.msg}") from None
+    except SystemExit as error:
+        raise BadInput(f"{path}{_line_in(path, error)}: {reason_of(error)}") from None
     except Exception as error:
         line = _line_in(path, error)
         raise BadInput(f"{path}{line}: {type(error).__name__}: {one_line(error)}") from error

@@ -38,6 +38,8 @@ from recorder.ros_definitions import DEFINITIONS
 
 # A float32 holds about seven digits: those that it does not hold are noise of the conversion.
 _DIGITS = 7
+# The library's time grows with the square of the fields. Ours have 20 to 120 lines, comments too.
+MOST_LINES, MOST_BYTES = 1500, 1 << 16
 _LITTLE_ENDIAN = b"\0\1\0\0"  # what CDR begins with
 
 
@@ -63,6 +65,8 @@ class Decoder:
         if not self.known:
             return
         try:
+            if definition.count(b"\n") > MOST_LINES or len(definition) > MOST_BYTES:
+                raise ValueError("it is longer than that of any such message")
             self._decode = generate_dynamic(name, definition.decode())[name]
         except Exception as error:  # the library raises whatever its parser happens to
             raise BadInput(f"{name}: the message definition cannot be read: {error}") from None

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorder.errors import BadInput
+from recorder.foreign import check_file, reading, reason_of
 
 WALLS = "truth.geojson"  # the name of the attachment
 WALLS_TYPE = "application/geo+json"
@@ -29,7 +30,12 @@ _ALL_DIGITS = 400  # more decimals than a double can have: coordinates stay as t
 
 def true_walls(attachments: Mapping[str, bytes]) -> NDArray[np.float64] | None:
     """The true walls (K, 2, 2) in metres that a session carries; None where it carries none."""
-    return walls_from_geojson(attachments[WALLS]) if WALLS in attachments else None
+    if WALLS not in attachments:
+        return None
+    try:
+        return walls_from_geojson(attachments[WALLS])
+    except BadInput as error:
+        raise BadInput(f"the session's attachment {WALLS}: {error}") from None
 
 
 def walls_to_geojson(walls_m: NDArray[np.float64], name: str) -> bytes:
@@ -56,20 +62,18 @@ def walls_from_geojson(data: bytes) -> NDArray[np.float64]:
         raise
     except RecursionError:
         raise BadInput("this GeoJSON is nested too deeply") from None
-    except (ValueError, TypeError, AttributeError, LookupError, OverflowError) as error:
-        reason = (str(error).splitlines() or ["?"])[0][:120]
-        raise BadInput(f"this is no GeoJSON that can be read: {reason}") from None
+    except Exception as error:  # the library raises whatever its parser happens to
+        raise BadInput(f"this is no GeoJSON that can be read: {reason_of(error)}") from None
     return _checked(walls_m)
 
 
 def read_walls(file: Path) -> NDArray[np.float64]:
     """The walls in a GeoJSON file; BadInput names the file."""
+    check_file(file, most_bytes=MAX_BYTES)
+    with reading(file, "GeoJSON"):
+        data = file.read_bytes()
     try:
-        if file.stat().st_size > MAX_BYTES:
-            raise BadInput(f"too large for a room (at most {MAX_BYTES} bytes)")
-        return walls_from_geojson(file.read_bytes())
-    except OSError as error:
-        raise BadInput(f"{file}: {error.strerror or error}") from None
+        return walls_from_geojson(data)
     except BadInput as error:
         raise BadInput(f"{file}: {error}") from None
 

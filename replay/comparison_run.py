@@ -13,6 +13,7 @@ from mapping.artifacts import Artifact
 from mapping.pipeline import build_maps
 from recorder.errors import BadInput
 from recorder.messages import Range, Scan
+from recorder.names import printable
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
 from recorder.truth import true_walls
@@ -57,7 +58,7 @@ def compare_session(
     distances = Distances()
     with ExitStack() as stack:
         exporters = _exporters(variants, export, force=force)
-        writer = _writer(variants, rrd, path.name)
+        writer = _writer(variants, rrd, printable(path.name))
         if writer is not None:
             stack.enter_context(writer)
         moments = in_step(runs, session.messages())

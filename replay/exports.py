@@ -25,6 +25,7 @@ from mapping.config_text import commented_toml
 from mapping.grid import Layer
 from mapping.update_rules import rule_of, unit_gives_start
 from recorder.errors import BadInput, OutputExists
+from recorder.names import unusable_name
 from recorder.outputs import written_beside
 from recorder.versions import own_version
 from replay.collector import Collector
@@ -197,5 +198,5 @@ def _make_directory(directory: Path, *, force: bool) -> None:
 
 
 def _check_name(name: str) -> None:
-    if not name or name.startswith(".") or any(c in "/\\:\0" for c in name):
-        raise BadInput(f"the layer's name {name!r} cannot be the name of a file")
+    if why := unusable_name(name):
+        raise BadInput(f"the layer's name {name!r} cannot be the name of a file: {why}")

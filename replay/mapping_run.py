@@ -15,6 +15,7 @@ from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
 from mapping.placed_session import place_session
 from mapping.probing import CellProbe
+from recorder.names import printable
 from recorder.outputs import check_output
 from recorder.session.columns import open_session
 from recorder.truth import true_walls
@@ -82,7 +83,7 @@ def map_session(
     with ExitStack() as stack:
         writer = None
         if rrd is not None:
-            writer = stack.enter_context(_writer(rrd, config, path.name, followed))
+            writer = stack.enter_context(_writer(rrd, config, printable(path.name), followed))
             takers.append(writer)
         for artifact in itertools.chain([first], artifacts):
             for take in takers:

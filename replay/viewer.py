@@ -6,13 +6,16 @@ Everything that is started listens on 127.0.0.1 only and sends no usage statisti
 from __future__ import annotations
 
 import contextlib
+import signal
 import subprocess
 import sys
+import threading
 import webbrowser
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from recorder.errors import BadInput
+from recorder.foreign import check_file
 from recorder.session import looks_like_session
 from replay.rrd.program import (
     LOCAL,
@@ -41,7 +44,8 @@ def open_viewer(
     map yet), and where there is no display for a window.
     """
     path = Path(path)
-    _check_recording(path)
+    if not _check_recording(path) and announce is not None:
+        announce(f"{path} was not ended properly; it is shown as far as it goes")
     if web:
         _serve(path, announce, browser)
         return
@@ -94,30 +98,54 @@ def waiting_viewer(
         raise BadInput(NO_DISPLAY)
     from replay.rrd.viewer_process import ViewerProcess
 
-    window = ViewerProcess(lambda ports: ["--port", str(ports[0])], 1, own_session=True)
+    window = ViewerProcess(
+        lambda ports: ["--port", str(ports[0])], 1, own_session=True, outlives=True
+    )
     yield f"rerun+http://{LOCAL}:{window.ports[0]}/proxy"
 
 
-def _check_recording(path: Path) -> None:
-    """Raises BadInput, with what to do, for what the viewer could only show as an empty page."""
+def _check_recording(path: Path) -> bool:
+    """Whether it was ended properly.
+
+    Raises BadInput, with what to do, for what the viewer could only show as an empty page.
+    """
     if path.is_dir():
         raise BadInput(f"{path}: a folder, not a recording (.rrd)")
-    if not path.is_file():
-        raise BadInput(f"{path}: no such file")
+    check_file(path)
     if looks_like_session(path):
         mapped = path.with_suffix(".rrd")
         raise BadInput(f"{path} is a session; map it first: echogrid map {path} -o {mapped}")
     with path.open("rb") as file:
         if file.read(len(_MAGIC)) != _MAGIC:
             raise BadInput(f"{path}: not a recording; echogrid map SESSION -o NAME.rrd makes one")
+    from replay.rrd.reader import is_whole
+
+    return is_whole(path)
 
 
 def _serve(path: Path, announce: Callable[[str], None] | None, browser: bool) -> None:
     from replay.rrd.web import WebViewer
 
-    with WebViewer(path) as viewer, contextlib.suppress(KeyboardInterrupt):
+    with _ended_by_sigterm(), WebViewer(path) as viewer, contextlib.suppress(KeyboardInterrupt):
         _show_page(viewer.url, announce, browser)
         viewer.wait()
+
+
+@contextlib.contextmanager
+def _ended_by_sigterm() -> Iterator[None]:
+    """SIGTERM unwinds the program, so that the servers end with it; exit code 143, as usual."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def end(*_: object) -> None:
+        raise SystemExit(128 + signal.SIGTERM)
+
+    before = signal.signal(signal.SIGTERM, end)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _show_page(url: str, announce: Callable[[str], None] | None, browser: bool) -> None:

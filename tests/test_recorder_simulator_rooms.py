@@ -136,7 +136,7 @@ def test_rooms_are_found_by_name_and_by_file(tmp_path):
         load_room("coridor")
     with pytest.raises(BadInput, match="there are room, empty"):
         load_room("xyz")
-    with pytest.raises(BadInput, match="No such file"):
+    with pytest.raises(BadInput, match="no such file"):
         load_room(tmp_path / "missing.geojson")
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(BadInput, match=r"bad\.json: this is no GeoJSON"):

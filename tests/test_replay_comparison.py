@@ -110,7 +110,7 @@ def test_values_of_any_key_make_names(compare: str, expected: list[str]) -> None
         (["--compare", "rules", "--config", "{a}", "--config", "{b}"], "give one --config"),
         (["--config", "{a}", "--config", "{other_a}"], "2 of the maps to compare would be called"),
         (["--config", "{a}", "--config", "{broken}"], "broken.toml: unknown key grid.res"),
-        (["--config", "{a}", "--config", "{nowhere}"], "nowhere.toml: No such file"),
+        (["--config", "{a}", "--config", "{nowhere}"], "nowhere.toml: no such file"),
         (["--config", "{a}", "--config", "{rule}"], "rule: unknown update rule 'never'"),
     ],
 )

@@ -314,8 +314,8 @@ MAP = (
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("x.npz", b"no archive", "not a NumPy archive"),
-        ("x.npz", b"", "not a NumPy archive"),
+        ("x.npz", b"no archive", "cannot be read as a NumPy archive"),
+        ("x.npz", b"", "an empty file"),
         ("x.yaml", b"a: [", "cannot be read as YAML"),
         ("x.yaml", b"a: 1", r"image, resolution, origin, negate, .* is missing: map_server"),
         ("x.yaml", b"- 1", "no map of map_server"),
@@ -329,7 +329,7 @@ MAP = (
         ("x.yaml", MAP.replace(b"x.pgm", b"x.yaml"), "cannot be read as a picture"),
         ("x.yaml", b"a: &a [1]\nb: [*a, *a]", "cannot be read as YAML"),
         ("x.yaml", b"[" * 60_000, "cannot be read as YAML"),
-        ("x.yaml", b" " * 70_000, "over 64 kB"),
+        ("x.yaml", b" " * 70_000, "at most 65,536"),
         ("x.pgm", b"P5", "x.yaml that holds where the map lies is missing"),
         ("x.rrd", b"no recording", "cannot be read as a Rerun recording"),
         ("x.txt", b"", "not a map"),

@@ -13,7 +13,6 @@ import numpy as np
 from mcap.opcode import Opcode
 from mcap.records import Chunk, McapRecord
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import get_chunk_data_stream
 
 from recorder.columns import Ints
 from recorder.ros_columns import gathered
@@ -72,11 +71,13 @@ class ChunkScan(SessionScan):
     def _unpack_chunk(self, chunk: Chunk, frame: Frame) -> Iterator[McapRecord]:
         found: list[McapRecord] | None = None
         if chunk_size(chunk) == len(frame.content):
+            data = self._unpacked(chunk)
+            if data is None:
+                return
             try:
-                stream, size = get_chunk_data_stream(chunk, validate_crc=True)
-                found = taken_apart(stream.read(size))
+                found = taken_apart(data)
             except (InvalidFrame, *UNREADABLE):
-                pass  # what it is, is found again and noted below
+                self._budget.left += len(data)  # what it is, is found again and noted below
         if found is None:
             yield from super()._unpack_chunk(chunk, frame)
             return

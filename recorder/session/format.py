@@ -25,6 +25,9 @@ UNREADABLE = (
 )  # fmt: skip
 
 
+MOST_REASONS = 50
+
+
 @dataclass(slots=True)
 class Damage:
     """What could not be read of a file: reasons, each one line, and how often each came up."""
@@ -32,7 +35,9 @@ class Damage:
     reasons: Counter[str] = field(default_factory=Counter)
 
     def note(self, reason: str, count: int = 1) -> None:
-        """Count a reason."""
+        """Count a reason; of very many different ones, the later ones together."""
+        if len(self.reasons) >= MOST_REASONS and reason not in self.reasons:
+            reason = "further damage"
         self.reasons[reason] += count
 
     def __bool__(self) -> bool:
@@ -60,7 +65,7 @@ def read_checked_json(fields: Mapping[str, str]) -> dict[str, object]:
         raise BadInput("the checksum of the metadata does not match")
     try:
         return dict(json.loads(text))
-    except (ValueError, TypeError):
+    except (ValueError, TypeError, RecursionError):
         raise BadInput("the metadata is not a JSON object") from None
 
 

@@ -29,7 +29,7 @@ from mcap.records import (
 from recorder.session.format import UNREADABLE, short_reason
 
 FRAME = struct.Struct("<BQ")
-LONGEST_RECORD = 1 << 30
+LONGEST_RECORD = 1 << 27
 _CHUNK_FIELDS = 8 + 8 + 8 + 4 + 4 + 8  # the sizes of its fields without its compression and data
 _LONGEST_NAME = 8  # of a compression
 LONGEST_CHUNK_HEAD = FRAME.size + _CHUNK_FIELDS + _LONGEST_NAME

@@ -28,7 +28,6 @@ from mcap.records import (
     Schema,
     Statistics,
 )
-from mcap.stream_reader import breakup_chunk
 
 from recorder.errors import BadInput
 from recorder.session.format import LIBRARY, UNREADABLE, Damage, short_reason
@@ -46,13 +45,20 @@ from recorder.session.frames import (
     is_message_index,
     parsed,
 )
+from recorder.session.unpacking import UnpackingBudget, records_of
 
 MAGIC = b"\x89MCAP0\r\n"
+_PACKED = {b"\x28\xb5": "zstd -d FILE", b"\x1f\x8b": "gunzip FILE", b"PK": "unzip FILE"}
 _RECORDING = b"RRF"  # what a recording of a mapping begins with
 _MAGIC_BYTES_TO_BELIEVE = 6  # of 8: one that is damaged does not make the file another's
 _FIRST_PRIVATE_OPCODE = 0x80
 _CHUNK_MAY_BEGIN = re.compile(rb"\x06(?=.{4}\x00{4})", re.DOTALL)
 _SEARCH_BYTES = 1 << 20
+_READ_FACTOR, _READ_BYTES = 4, 16 << 20  # what may be read of a file: times its size, and more
+
+
+class _Exhausted(InvalidFrame):
+    """So much was read in vain that the rest of the file is let be."""
 
 
 class SessionScan:
@@ -66,6 +72,8 @@ class SessionScan:
     def __init__(self, file: BinaryIO, size: int, damage: Damage) -> None:
         self._file, self._size, self._damage = file, size, damage
         self._sure = 0  # all before this offset has been taken
+        self._left_to_read = _READ_FACTOR * size + _READ_BYTES
+        self._budget = UnpackingBudget(size)
         self._data_crc: int | None = 0  # of all bytes so far; None after a jump
         self._summary_crc: int | None = None
         self._footer: Footer | None = None
@@ -110,13 +118,22 @@ class SessionScan:
                 yield from self._unpack(frame, position)
                 self.position = position = frame.end
             except InvalidFrame as error:
-                found = self._next_chunk(self._sure)
+                found = self._found_after(error)
                 self._note_skipped(position, found, error)
                 if found is None:
                     return
                 # never twice to the same place; and the bytes are no longer all counted
                 position, self._sure, self._data_crc = found, found + 1, None
         self._check_end(position)
+
+    def _found_after(self, error: InvalidFrame) -> int | None:
+        """Where the walk goes on after an error; None where it does not."""
+        if isinstance(error, _Exhausted):
+            return None
+        try:
+            return self._next_chunk(self._sure)
+        except _Exhausted:
+            return None
 
     def _count(self, message: Message) -> bool:
         """Whether the message may be taken, which it may not without its channel."""
@@ -170,9 +187,11 @@ class SessionScan:
         if alike < _MAGIC_BYTES_TO_BELIEVE or self._size <= len(MAGIC):
             if magic.startswith(_RECORDING):
                 raise BadInput("not an MCAP file but a recording: look at it with echogrid view")
+            if program := _PACKED.get(magic[:2]):
+                raise BadInput(f"not an MCAP file but a packed one: unpack it with {program}")
             raise BadInput(
-                "not an MCAP file (it begins with other bytes); logs of other programs become one "
-                "with echogrid import"
+                "not an MCAP file (it begins with other bytes); logs and CSV files of other "
+                "programs become one with: echogrid import FILE -o SESSION.mcap"
             )
         self._damage.note("the first bytes of the file are damaged")
 
@@ -188,6 +207,7 @@ class SessionScan:
         end = position + FRAME.size + length
         if end > self._size or length > LONGEST_RECORD:
             raise InvalidFrame("a record is longer than the rest of the file")
+        self._spend(length)
         content = self._file.read(length)
         if opcode == Opcode.MESSAGE_INDEX and not is_message_index(content):
             raise InvalidFrame("an index makes no sense")
@@ -250,8 +270,11 @@ class SessionScan:
     def _unpack_chunk(self, chunk: Chunk, frame: Frame) -> Iterator[McapRecord]:
         if chunk_size(chunk) != len(frame.content):
             raise InvalidFrame("the length of a chunk is wrong")
+        data = self._unpacked(chunk)
+        if data is None:
+            return
         try:
-            inner = breakup_chunk(chunk, validate_crc=True)
+            inner = records_of(data)
         except UNREADABLE as error:
             self._damage.note(f"a damaged chunk was left out ({short_reason(error)})")
             return
@@ -259,6 +282,21 @@ class SessionScan:
         if chunk.uncompressed_crc == 0:
             self.unverified += sum(isinstance(record, Message) for record in inner)
         yield from inner
+
+    def _unpacked(self, chunk: Chunk) -> bytes | None:
+        """What is in a chunk; None, and noted, where it is damaged or would be too much."""
+        try:
+            return self._budget.unpacked(chunk)
+        except UNREADABLE as error:
+            self._damage.note(f"a damaged chunk was left out ({short_reason(error)})")
+            return None
+
+    def _spend(self, count: int) -> None:
+        """Count bytes that are read: of a file full of false beginnings it may not be many times
+        its size."""
+        self._left_to_read -= count
+        if self._left_to_read < 0:
+            raise _Exhausted("too much of it only looks like records")
 
     def _next_chunk(self, start: int) -> int | None:
         """Offset of the first whole chunk at or behind ``start``; the file stands there then."""
@@ -279,10 +317,11 @@ class SessionScan:
         if length is None or position + FRAME.size + length > self._size:
             return False
         self._file.seek(position + FRAME.size)
+        self._spend(length)
         try:
             chunk = parsed(Chunk.read, self._file.read(length), True)
             assert isinstance(chunk, Chunk)
-            return bool(breakup_chunk(chunk, validate_crc=True))
+            return bool(records_of(self._budget.unpacked(chunk)))
         except (InvalidFrame, *UNREADABLE):
             return False
 

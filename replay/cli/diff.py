@@ -10,6 +10,7 @@ import click
 from mapping.cli import config_options, plugin_option
 from recorder.cli import options
 from recorder.cli.progress import progress_bar
+from recorder.names import printable
 
 if TYPE_CHECKING:
     from replay.diff.comparing import Report
@@ -97,7 +98,7 @@ def _print(report: Report, *, as_json: bool, quiet: bool) -> None:
         click.echo(json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False))
     elif not quiet:
         for line in summary(report):
-            click.echo(line)
+            click.echo(printable(line))
 
 
 def _write(report: Report, output: Path) -> None:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from replay.comparison import Variant
 
 
+FARTHEST_M = 1e6
 Point = tuple[float, float]
 
 
@@ -42,6 +43,8 @@ def _points(
             x, y = (float(part) for part in text.split(","))
         except ValueError:
             raise click.BadParameter(f"{text!r} is not x,y in metres, as in 1.25,0.5") from None
+        if not max(abs(x), abs(y)) <= FARTHEST_M:  # nor is it a number
+            raise click.BadParameter(f"{text!r} is no place that a robot gets to")
         points.append((x, y))
     return tuple(points)
 

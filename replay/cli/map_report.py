@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from mapping.cli import echo_unused
 from recorder.cli.progress import progress_bar
+from recorder.names import printable
 
 if TYPE_CHECKING:
     from mapping.config import MappingConfig
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
     from replay.comparison_run import Comparison
     from replay.mapping_run import RunResult
 
+_MOST_LOSSES = 3
 _WIDEST = 160  # columns of text; a file or a pipe gets 80
 
 
@@ -35,6 +38,7 @@ def map_and_report(
     if not quiet:
         click.echo("\n".join(_map_report(result)))
         _report_unknown_sensors(config, result)
+        echo_unused(config)
         _report_files(result.left_out, rrd, export)
     return status
 
@@ -54,6 +58,8 @@ def compare_and_report(
     status = _report_damage(session, of_all.damage)
     if not quiet:
         click.echo("\n".join(_comparison_report(variants, comparison)))
+        for each in variants:
+            echo_unused(each.config, f"{each.name}: ")
         _report_files(of_all.left_out, rrd, export)
     return status
 
@@ -62,16 +68,19 @@ def _report_files(left_out: str, rrd: Path | None, export: Path | None) -> None:
     """What was written, and what of it was left out."""
     if left_out:
         click.echo(left_out)
-    written = [str(path) for path in (rrd, export) if path is not None]
+    written = [printable(str(path)) for path in (rrd, export) if path is not None]
     if written:
         click.echo("wrote " + " and ".join(written))
 
 
 def _report_damage(session: Path, damage: Sequence[str]) -> int:
-    """What of the session is lost; returns the exit code."""
-    for reason in damage:
-        click.echo(f"echogrid: {session}: {reason}", err=True)
-    return 1 if damage else 0
+    """What of the session is lost, in one line; returns the exit code."""
+    if not damage:
+        return 0
+    shown, more = damage[:_MOST_LOSSES], len(damage) - _MOST_LOSSES
+    rest = f"; and {more} more (echogrid info lists them)" if more > 0 else ""
+    click.echo(printable(f"echogrid: {session}: {'; '.join(shown)}{rest}"), err=True)
+    return 1
 
 
 def _report_unknown_sensors(config: MappingConfig, result: RunResult) -> None:

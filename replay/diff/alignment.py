@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
-from replay.diff.layers import UNKNOWN, Codes, MapLayer, Values, never_seen
+from replay.diff.layers import MOST_CELLS, UNKNOWN, Codes, MapLayer, Values, never_seen
 
 _WHOLE = 1e-3  # a shift is whole when it is so many cells away from one, over the whole grid
-_MOST_CELLS = 100_000_000
+
 
 Shades = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
@@ -54,6 +54,8 @@ def common_grid(
             f"{b.resolution_m:g} m in B (map both with one grid.resolution_m)"
         )
     shift = [(q - p) / size for p, q in zip(a.origin_m, b.origin_m, strict=True)]
+    if not max(map(abs, shift)) < MOST_CELLS:
+        raise BadInput(f"{what}: the two maps lie too far apart")
     whole = [round(s) for s in shift]
     if max(abs(s - w) for s, w in zip(shift, whole, strict=True)) > _WHOLE:
         raise BadInput(
@@ -64,7 +66,7 @@ def common_grid(
     row0, col0 = min(0, row), min(0, col)
     rows = max(a.rows, row + b.rows) - row0
     cols = max(a.cols, col + b.cols) - col0
-    if rows * cols > max(_MOST_CELLS, a.rows * a.cols, b.rows * b.cols):
+    if rows * cols > max(MOST_CELLS, a.rows * a.cols, b.rows * b.cols):
         raise BadInput(f"{what}: the two maps lie too far apart ({cols} x {rows} cells for both)")
     origin = (a.origin_m[0] + col0 * size, a.origin_m[1] + row0 * size)
     union = GridGeometry(origin, size, rows, cols)

@@ -149,15 +149,13 @@ def _mapped(
 
 def config_of(source: Source) -> MappingConfig:
     """The configuration that made a source; the default one where it does not hold it."""
-    import tomllib
-
-    from mapping.config import validate
+    from mapping.config import parse_toml, validate
 
     if not source.config_toml:
         return MappingConfig()
     try:
-        return validate(tomllib.loads(source.config_toml))
-    except (tomllib.TOMLDecodeError, BadInput) as error:
+        return validate(parse_toml(source.config_toml, "config_toml"))
+    except BadInput as error:
         raise BadInput(
             f"{source.path}: its configuration cannot be used (give one with --config): {error}"
         ) from None

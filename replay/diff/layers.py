@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from mapping.artifacts import Border, Segment
 from mapping.grid import GridGeometry
 from mapping.update_rules import rule_of
+from recorder.errors import BadInput
 
 Values = NDArray[np.floating]
 Codes = NDArray[np.uint8]
 
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 CLASS_NAMES = ("unknown", "free", "occupied")
+MOST_CELLS = 33_000_000  # of all layers: as many as grid.max_memory_mb lets be made
 OCCUPIED_ABOVE, FREE_BELOW = 0.55, 0.45
 
 
@@ -160,6 +162,22 @@ def value_layer(
         rule=rule, extra=extra or {}, beam_width_rad=beam_width_rad,
     )  # fmt: skip
     return replace(layer, classes=classes_of(layer))
+
+
+def check_cells(path: Path, rows: int, cols: int, layers: int = 1) -> None:
+    """Raises BadInput for a map of a file that two of its kind could not be compared in memory."""
+    if rows * cols * layers > MOST_CELLS:
+        several = f" in {layers} layers" if layers > 1 else ""
+        raise BadInput(
+            f"{path}: {cols} x {rows} = {rows * cols:,} cells{several} are too many to compare "
+            f"(at most {MOST_CELLS:,})"
+        )
+
+
+def check_place(path: Path, x_m: float, y_m: float, resolution_m: float) -> None:
+    """Raises BadInput for a corner and a side of a cell that are no place of a robot's map."""
+    if not (max(abs(x_m), abs(y_m)) <= 1e7 and 1e-6 <= resolution_m <= 1e6):  # NaN neither
+        raise BadInput(f"{path}: its origin and resolution are no place")
 
 
 def line_of(segment: Segment) -> Line:

@@ -23,15 +23,19 @@ from mapping.artifacts import Border, Segment, Snapshot
 from mapping.beams import Beam
 from mapping.grid import GridGeometry, Window
 from recorder.errors import BadInput
+from recorder.foreign import reading
 from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
+from replay.rrd.claims import check_claims
 from replay.rrd.program import viewer_environment, viewer_program
 from replay.rrd.value_log.playback import Playback, Tiles
 from replay.rrd.value_log.records import ValueLogError
 from replay.rrd.value_log.track import Track
 
 Floats = NDArray[np.float64]
+MOST_CELLS = 100_000_000  # of all layers, to be read exactly
+_WHAT = "a Rerun recording"
 
 
 @dataclass(frozen=True, slots=True)
@@ -281,6 +285,8 @@ class RrdRecording:
         x, y, cell = (float(v) for v in numbers_of(batches[0], "where_m", 0))
         rows, cols = (int(v) for v in numbers_of(batches[0], "shape", 0))
         layers = tuple(batches[0].column("layers")[0].as_py())
+        if min(rows, cols) < 1 or rows * cols * len(layers) > MOST_CELLS:
+            raise BadInput(f"{self.path}: {cols} x {rows} cells in {len(layers)} layers: too many")
         walls = np.zeros((0, 2, 2))
         if "walls_m" in batches[0].schema.names:
             walls = numbers_of(batches[0], "walls_m", 0).reshape(-1, 2, 2)
@@ -292,11 +298,11 @@ class RrdRecording:
             columns = [batch.column(name).to_pylist() for name in ("artifact", "layer", "exact")]
             numbers = [batch.column(name).to_numpy() for name in (layout.STEP, layout.READING)]
             times = batch.column(layout.TIME).cast(pa.int64()).to_numpy()
-            for (artifact,), (layer,), exact, step, reading, t_ns in zip(
+            for (artifact,), (layer,), exact, step, number, t_ns in zip(
                 *columns, *numbers, times, strict=True
             ):
                 names = frozenset(exact or ())
-                steps.append(Step(int(step), int(reading), int(t_ns), artifact, layer, names))
+                steps.append(Step(int(step), int(number), int(t_ns), artifact, layer, names))
         return sorted(steps, key=lambda each: each.step)
 
 
@@ -307,15 +313,29 @@ def read_rrd(path: str | Path, name: str = "") -> RrdRecording:
     BadInput for a file that cannot be read, or that holds no recording of ours.
     """
     path, root = Path(path), layout.root_of(name)
-    if not path.is_file():
-        raise BadInput(f"{path}: no such file")
+    check_claims(path)
     damaged = not _has_footer(path)
     try:
-        return RrdRecording(path, path, damaged=damaged, root=root)
-    except (RuntimeError, ValueError, OSError) as error:
-        if isinstance(error, BadInput) or not damaged:
+        with reading(path, _WHAT):
+            return RrdRecording(path, path, damaged=damaged, root=root)
+    except BadInput:
+        if not damaged:
             raise
     return _salvaged(path, root)
+
+
+def is_whole(path: Path) -> bool:
+    """Whether a recording, ours or another program's, was ended properly.
+
+    Raises BadInput for a file that holds nothing which the viewer could show.
+    """
+    check_claims(path)
+    if _has_footer(path):
+        return True
+    with reading(path, _WHAT):
+        if next(iter(quiet_reader(path).stream()), None) is None:
+            raise BadInput(f"{path}: a recording without anything in it")
+    return False
 
 
 def read_maps(path: str | Path) -> dict[str, RrdRecording]:
@@ -335,12 +355,9 @@ def map_names(path: str | Path) -> tuple[str, ...]:
     Raises BadInput for a file that cannot be read.
     """
     path = Path(path)
-    if not path.is_file():
-        raise BadInput(f"{path}: no such file")
-    try:
+    check_claims(path)
+    with reading(path, _WHAT):
         return _map_names(path)
-    except (RuntimeError, ValueError, OSError):
-        raise BadInput(f"{path}: cannot be read as a Rerun recording") from None
 
 
 def _map_names(file: Path) -> tuple[str, ...]:
@@ -359,18 +376,17 @@ def _salvaged(path: Path, root: str) -> RrdRecording:
     subprocess.run(
         [*command, str(file)], env=viewer_environment(), capture_output=True, check=False
     )
-    try:
+    with reading(path, _WHAT):
         recording = RrdRecording(path, file, damaged=True, root=root)
-    except (RuntimeError, OSError, ValueError):
-        raise BadInput(f"{path}: cannot be read as a Rerun recording") from None
     recording.folder = folder  # removed with the recording
     return recording
 
 
 def _has_footer(path: Path) -> bool:
     try:
-        quiet_reader(path).store()
-    except (RuntimeError, ValueError, OSError):
+        with reading(path, _WHAT):
+            quiet_reader(path).store()
+    except BadInput:
         return False
     return True
 

@@ -6,6 +6,8 @@ before it listens is started again on other ports.
 
 from __future__ import annotations
 
+import ctypes
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,6 +21,8 @@ NEEDS_DRIVER = "no Vulkan driver for the viewer: sudo apt install mesa-vulkan-dr
 _START_S = 120.0  # generous: a loaded machine takes its time, and a viewer that ends is noticed
 _END_S = 10.0
 _ATTEMPTS = 3
+_PR_SET_PDEATHSIG = 1
+_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 Arguments = Callable[[Sequence[int]], Sequence[str]]
 
@@ -27,11 +31,15 @@ class ViewerProcess:
     """A viewer that listens on ``ports`` of this machine.
 
     ``arguments(ports)`` are those of its command line besides ``--bind``; ``count`` is how many
-    ports it needs; in its ``own_session`` no Ctrl-C of ours reaches it. Raises BadInput, with the
+    ports it needs; in its ``own_session`` no Ctrl-C of ours reaches it. Unless it ``outlives`` us,
+    it ends with us, whatever ends us (on Linux). Raises BadInput, with the
     last line of its log, when it does not start.
     """
 
-    def __init__(self, arguments: Arguments, count: int, *, own_session: bool = False) -> None:
+    def __init__(
+        self, arguments: Arguments, count: int, *, own_session: bool = False,
+        outlives: bool = False,
+    ) -> None:  # fmt: skip
         for attempt in range(_ATTEMPTS):
             self.ports = free_ports(count)
             self._log = tempfile.TemporaryFile()  # noqa: SIM115 (closed by stop)
@@ -40,6 +48,7 @@ class ViewerProcess:
                 env=viewer_environment(), stdin=subprocess.DEVNULL, stdout=self._log,
                 stderr=subprocess.STDOUT,
                 start_new_session=own_session and sys.platform != "win32",
+                preexec_fn=None if outlives or _LIBC is None else _end_with_parent,  # noqa: PLW1509
             )  # fmt: skip
             try:
                 self._wait_until_listening()
@@ -91,6 +100,12 @@ class ViewerProcess:
             return NEEDS_DRIVER
         lines = log.strip().splitlines() or ["it gave no reason"]
         return f"the viewer stopped: {lines[-1]}"
+
+
+def _end_with_parent() -> None:
+    """Between fork and exec: have the kernel end this process with its parent."""
+    if _LIBC is not None:
+        _LIBC.prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
 
 
 def _final(log: str) -> bool:

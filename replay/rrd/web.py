@@ -29,6 +29,16 @@ _ELSEWHERE = re.compile(  # in the page: links, and style sheets that a style sh
 )
 
 
+_OWN_NAMES = (LOCAL, "localhost", "::1")
+
+
+def _host_of(header: str) -> str | None:
+    try:
+        return urllib.parse.urlsplit(f"//{header}").hostname
+    except ValueError:
+        return None
+
+
 class WebViewer(contextlib.AbstractContextManager["WebViewer"]):
     """Serve one recording to a browser; ``url`` is the page. Use it as a context.
 
@@ -82,7 +92,14 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     server: _Door
 
     def do_GET(self) -> None:
-        """Fetch the same path from the page server, and add the policy."""
+        """Fetch the same path from the page server, and add the policy.
+
+        Asked for by another name than this machine's own, it was a page elsewhere that asked: a
+        browser takes it for this one's where a name server sends it here.
+        """
+        if _host_of(self.headers.get("Host", "")) not in _OWN_NAMES:
+            self.send_error(HTTPStatus.MISDIRECTED_REQUEST)
+            return
         behind = http.client.HTTPConnection(LOCAL, self.server.page_port, timeout=30.0)
         try:
             behind.request("GET", self.path)

@@ -8,6 +8,7 @@ A golden file holds ``origin_m`` and ``resolution_m`` once, and for each layer `
 from __future__ import annotations
 
 import io
+import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -19,25 +20,44 @@ from numpy.typing import NDArray
 from mapping.grid import GridGeometry
 from mapping.update_rules import unit_gives_start
 from recorder.errors import BadInput
+from recorder.foreign import check_file, reading
 from recorder.outputs import written_beside
-from replay.diff.layers import Line, MapLayer, Outline, Source, Values, value_layer
+from replay.diff.layers import (
+    Line,
+    MapLayer,
+    Outline,
+    Source,
+    Values,
+    check_cells,
+    check_place,
+    value_layer,
+)
 
 Arrays = Mapping[str, NDArray[Any]]
 
 _NOT_EXTRA = {"values", "origin_m", "resolution_m", "kind", "layer"}
+MOST_UNPACKED_BYTES = 1 << 28
+MOST_ARRAYS = 2000
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # of every entry, so that the same map gives the same bytes
 
 
 def read_npz(path: Path) -> Source:
     """An archive of one layer or of many. Raises BadInput for a file that is neither."""
     arrays = load_arrays(path)
+    with reading(path, "the layers of a map"):
+        return _source(path, arrays)
+
+
+def _source(path: Path, arrays: Arrays) -> Source:
     if "values" in arrays:
         layer = one_layer(path, arrays)
         return Source(path, "arrays", {layer.name: layer}, single=True)
+    several = [key for key in arrays if key.endswith("/values")]
+    if several:
+        check_cells(path, 1, sum(arrays[key].size for key in several))
     layers = {
         key.removesuffix("/values"): _of_many(path, arrays, key.removesuffix("/values"))
-        for key in arrays
-        if key.endswith("/values")
+        for key in several
     }
     if not layers:
         raise BadInput(f"{path}: holds no layer (an array named values)")
@@ -47,12 +67,33 @@ def read_npz(path: Path) -> Source:
 
 def load_arrays(path: Path) -> dict[str, NDArray[Any]]:
     """Everything in an archive, by name. Raises BadInput where it cannot be read."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {key: stored[key] for key in stored.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-        reason = getattr(error, "strerror", None) or "not a NumPy archive (.npz) of numbers"
-        raise BadInput(f"{path}: {reason}") from None
+    check_file(path)
+    with reading(path, "a NumPy archive (.npz) of numbers"), zipfile.ZipFile(path) as archive:
+        members = [each for each in archive.infolist() if each.filename.endswith(".npy")]
+        unpacked = sum(each.file_size for each in members)
+        if unpacked > MOST_UNPACKED_BYTES or len(members) > MOST_ARRAYS:
+            raise BadInput(
+                f"{path}: {len(members):,} arrays of {unpacked:,} bytes together, at most "
+                f"{MOST_ARRAYS:,} of {MOST_UNPACKED_BYTES:,}"
+            )
+        return {each.filename.removesuffix(".npy"): _member(archive, each) for each in members}
+
+
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
+    """One array, whose size is known to be that of its member before any memory is taken."""
+    with archive.open(member) as content:
+        version = np.lib.format.read_magic(content)
+        if version == (1, 0):
+            shape, _, dtype = np.lib.format.read_array_header_1_0(content)
+        else:
+            shape, _, dtype = np.lib.format.read_array_header_2_0(content)
+        if dtype.hasobject:
+            raise ValueError(f"{member.filename} holds objects, not numbers")
+        if math.prod(shape) * dtype.itemsize != member.file_size - content.tell():
+            raise ValueError(f"{member.filename} has not the size that it states")
+    with archive.open(member) as content:
+        found: NDArray[Any] = np.lib.format.read_array(content, allow_pickle=False)
+        return found
 
 
 def one_layer(path: Path, arrays: Arrays) -> MapLayer:
@@ -177,6 +218,6 @@ def _geometry(path: Path, arrays: Arrays, values: Values) -> GridGeometry:
         resolution_m = float(arrays["resolution_m"])
     except (TypeError, ValueError):
         raise BadInput(f"{path}: its origin_m or resolution_m are no numbers") from None
-    if not (np.isfinite([x, y, resolution_m]).all() and resolution_m > 0.0):
-        raise BadInput(f"{path}: its origin_m or resolution_m give no place")
+    check_place(path, x, y, resolution_m)
+    check_cells(path, *values.shape)
     return GridGeometry((x, y), resolution_m, *values.shape)

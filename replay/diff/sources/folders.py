@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,11 @@ import numpy as np
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
-from replay.diff.layers import Line, MapLayer, Outline, Source
+from recorder.foreign import read_text, reading
+from replay.diff.layers import Line, MapLayer, Outline, Source, check_cells
 from replay.diff.sources.arrays import load_arrays, one_layer
 
+MOST_JSON_BYTES = 32 << 20
 _LINE_FILES = (("grid", "segments.geojson"), ("raw", "raw-segments.geojson"))
 
 
@@ -22,6 +25,7 @@ def read_folder(folder: Path) -> Source:
     layers: dict[str, MapLayer] = {}
     for file in sorted(folder.glob("*.npz")):
         layer = one_layer(file, load_arrays(file))
+        check_cells(file, *layer.geometry.shape, len(layers) + 1)
         layers[layer.name] = replace(
             layer,
             lines=_lines(folder, file.stem),
@@ -58,19 +62,23 @@ def _lines(folder: Path, name: str) -> tuple[Line, ...] | None:
     lines: list[Line] = []
     for source, file in files:
         if file.is_file():
-            try:
-                for feature in _json(file)["features"]:
-                    (x0, y0), (x1, y1) = feature["geometry"]["coordinates"]
-                    lines.append(Line(source, (float(x0), float(y0)), (float(x1), float(y1))))
-            except (KeyError, TypeError, ValueError):
-                raise BadInput(f"{file}: not the lines of a layer") from None
+            with reading(file, "the lines of a layer"):
+                lines += [_line(source, each) for each in _json(file)["features"]]
     return tuple(lines)
+
+
+def _line(source: str, feature: Any) -> Line:
+    (x0, y0), (x1, y1) = feature["geometry"]["coordinates"]
+    ends = (float(x0), float(y0)), (float(x1), float(y1))
+    if not all(map(math.isfinite, (*ends[0], *ends[1]))):
+        raise ValueError("a line ends nowhere")
+    return Line(source, *ends)
 
 
 def _borders(file: Path, geometry: GridGeometry) -> tuple[Outline, ...] | None:
     if not file.is_file():
         return None
-    try:
+    with reading(file, "the borders of a layer"):
         return tuple(
             Outline(
                 bool(each["outer"]),
@@ -78,12 +86,9 @@ def _borders(file: Path, geometry: GridGeometry) -> tuple[Outline, ...] | None:
             )
             for each in _json(file)
         )
-    except (KeyError, TypeError, ValueError):
-        raise BadInput(f"{file}: not the borders of a layer") from None
 
 
 def _json(file: Path) -> Any:
-    try:
-        return json.loads(file.read_text("utf-8"))
-    except (OSError, ValueError):
-        raise BadInput(f"{file}: cannot be read as JSON") from None
+    text = read_text(file, "JSON", most_bytes=MOST_JSON_BYTES)
+    with reading(file, "JSON"):
+        return json.loads(text)

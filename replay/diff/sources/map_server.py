@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,10 +11,11 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
+from recorder.foreign import check_file, read_text, reading
 from replay.diff.layers import (
     FREE,
     OCCUPIED,
@@ -21,13 +23,15 @@ from replay.diff.layers import (
     Codes,
     MapLayer,
     Source,
+    check_cells,
+    check_place,
     never_seen,
 )
 
 _NEEDED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 _TRUTH = {"0": False, "1": True, "false": False, "true": True, "no": False, "yes": True}
 MOST_YAML_BYTES = 1 << 16
-MOST_PIXELS = 100_000_000
+_ROWS_AT_ONCE = 256  # the picture as numbers takes 32 bytes a pixel
 Pixels = NDArray[np.float64]
 _RAW_MOST = 100  # in the mode raw, a larger grey is unknown
 
@@ -81,10 +85,10 @@ class MapFile:
 def read_map(path: Path) -> Source:
     """A map by its .yaml (or by its picture, when the .yaml lies beside). Raises BadInput."""
     file = path.with_suffix(".yaml") if path.suffix.lower() == ".pgm" else path
-    if not file.is_file():
+    if not file.exists():
         raise BadInput(f"{path}: the file {file.name} that holds where the map lies is missing")
     described = _described(file)
-    codes = described.classes(_pixels(described.image))
+    codes = np.concatenate([described.classes(rows) for rows in _pixels(described.image)])
     x, y, size = described.geometry_m
     layer = MapLayer(
         file.stem, "classes", GridGeometry((x, y), size, *codes.shape), None, codes, UNKNOWN,
@@ -97,26 +101,24 @@ def read_map(path: Path) -> Source:
     return Source(path, "map_server map", {layer.name: layer}, single=True, notes=(note,))
 
 
-def _pixels(image: Path) -> Pixels:
-    """Red, green, blue, and opacity if there is any, 0 .. 1; row 0 at the lowest y."""
-    if not image.is_file():
+def _pixels(image: Path) -> Iterator[Pixels]:
+    """Red, green, blue, and opacity if there is any, 0 .. 1; a few rows at a time, lowest first."""
+    if not image.exists():
         raise BadInput(f"{image}: the picture of the map is missing")
-    try:
-        with Image.open(image) as picture:
-            if picture.width * picture.height > MOST_PIXELS:
-                raise BadInput(
-                    f"{image}: {picture.width} x {picture.height} pixels, at most {MOST_PIXELS:,}"
-                )
-            if picture.mode.startswith("I") or picture.mode == "F":
-                grey = np.asarray(picture, np.float64) / 65535.0  # 16 bits a pixel
-                return np.repeat(grey[::-1, :, np.newaxis], 3, axis=2)
+    check_file(image)
+    with reading(image, "a picture"), Image.open(image) as picture:
+        check_cells(image, picture.height, picture.width)
+        most = 255.0
+        if picture.mode.startswith("I") or picture.mode == "F":  # 16 bits a pixel
+            most = 65535.0
+            shades = np.asarray(picture)[::-1, :, np.newaxis]
+        else:
             see_through = picture.has_transparency_data
-            pixels = np.asarray(picture.convert("RGBA" if see_through else "RGB"), np.float64)
-            return pixels[::-1] / 255.0
-    except BadInput:
-        raise
-    except (OSError, UnidentifiedImageError, ValueError, SyntaxError, Image.DecompressionBombError):
-        raise BadInput(f"{image}: cannot be read as a picture") from None
+            shades = np.asarray(picture.convert("RGBA" if see_through else "RGB"))[::-1]
+    channels = max(shades.shape[2], 3)
+    for row in range(0, len(shades), _ROWS_AT_ONCE):
+        some = shades[row : row + _ROWS_AT_ONCE] / most
+        yield np.broadcast_to(some, (*some.shape[:2], channels))
 
 
 class _PlainLoader(yaml.BaseLoader):  # type: ignore[misc]
@@ -129,14 +131,9 @@ class _PlainLoader(yaml.BaseLoader):  # type: ignore[misc]
 
 
 def _described(file: Path) -> MapFile:
-    try:
-        if file.stat().st_size > MOST_YAML_BYTES:
-            raise BadInput(f"{file}: no map of map_server (over {MOST_YAML_BYTES >> 10} kB)")
-        values = yaml.load(file.read_text("utf-8"), Loader=_PlainLoader)
-    except BadInput:
-        raise
-    except (OSError, ValueError, RecursionError, yaml.YAMLError):
-        raise BadInput(f"{file}: cannot be read as YAML") from None
+    text = read_text(file, "YAML", most_bytes=MOST_YAML_BYTES)
+    with reading(file, "YAML"):
+        values = yaml.load(text, Loader=_PlainLoader)
     if not isinstance(values, dict):
         raise BadInput(f"{file}: no map of map_server (it needs {', '.join(_NEEDED)})")
     missing = [key for key in _NEEDED if key not in values]
@@ -152,9 +149,10 @@ def _described(file: Path) -> MapFile:
         raise BadInput(
             f"{file}: its origin, resolution, thresholds or negate are no numbers"
         ) from None
-    if not all(map(math.isfinite, (x, y, size, yaw, occupied, free))) or not 0.0 < size < 1e6:
-        raise BadInput(f"{file}: its origin and resolution are no place")
-    if abs(yaw) > 1e-9:
+    check_place(file, x, y, size)
+    if not all(map(math.isfinite, (occupied, free))):
+        raise BadInput(f"{file}: its thresholds are no numbers")
+    if not abs(yaw) <= 1e-9:
         raise BadInput(f"{file}: the map is turned by {yaw:g} rad, which cannot be compared")
     mode = str(values.get("mode", "trinary")).lower()
     if mode not in ("trinary", "scale", "raw"):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from recorder.errors import BadInput
+from recorder.foreign import reading
+from recorder.names import unusable_name
 from replay.diff.layers import Source
 
 SESSION = ".mcap"
@@ -21,7 +23,18 @@ def open_map(path: Path) -> Source:
 
     Raises BadInput, in one line, for all else.
     """
-    if not path.exists():
+    source = _open(path)
+    for name, layer in source.layers.items():
+        for text in (name, layer.kind):
+            if why := unusable_name(text):
+                raise BadInput(f"{path}: it holds a layer {text!r}: {why}")
+    return source
+
+
+def _open(path: Path) -> Source:
+    with reading(path, "a map"):
+        there = path.exists()
+    if not there:
         file, name = _one_of_several(path)
         if not name:
             raise BadInput(f"{file}: no such file")

@@ -8,11 +8,13 @@ from pathlib import Path
 
 from mapping.fusion import FUSED
 from recorder.errors import BadInput
+from recorder.foreign import reading
 from replay.diff.layers import (
     MapLayer,
     Moment,
     Source,
     Values,
+    check_cells,
     line_of,
     outline_of,
     value_layer,
@@ -39,10 +41,15 @@ class RecordedSteps:
     def grids(self, layer: str) -> Iterator[tuple[Moment, Values]]:
         """Each step at which the layer's values are exact, with the whole grid."""
         steps = {step.step: step for step in self.recording.steps}
-        for number, grid in self.recording.grids(layer):
+        grids = self.recording.grids(layer)
+        while True:
+            with reading(self.recording.path, "a recording of a map"):
+                number, grid = next(grids, (-1, None))
+            if grid is None:
+                return
             step = steps.get(number)
-            reading, artifact = (step.reading, step.artifact) if step else (0, "")
-            yield Moment(number, reading, artifact), grid
+            at_reading, artifact = (step.reading, step.artifact) if step else (0, "")
+            yield Moment(number, at_reading, artifact), grid
 
 
 def read_recording(path: Path, name: str = "") -> Source:
@@ -51,6 +58,13 @@ def read_recording(path: Path, name: str = "") -> Source:
     Raises BadInput for a file that holds none, and where the map is not named that is meant.
     """
     recording = _opened(path, name)
+    g = recording.geometry
+    check_cells(path, g.rows, g.cols, len(recording.layers))
+    with reading(path, "a recording of a map"):
+        return _source(recording, path, name)
+
+
+def _source(recording: RrdRecording, path: Path, name: str) -> Source:
     exact = {name for step in recording.steps for name in step.exact}
     widths_rad = _beam_widths_rad(recording)
     layers = {
