@@ -79,6 +79,11 @@ class SensorSection(Section):
     no_echo: Literal["empties", "skipped"] | None = Field(
         None, description="what a reading that saw nothing does"
     )
+    clear_to_m: Positive | None = Field(
+        None,
+        description="how far a beam clears; by default to its end, and a scan's beam without "
+        "return as far as others nearby came back from",
+    )
 
 
 class _AllKeys(Section):

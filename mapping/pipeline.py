@@ -25,6 +25,7 @@ from mapping.segments import (
     reachable_cells,
     segments_from_grid,
     segments_of_ranger,
+    segments_of_scans,
 )
 from mapping.sensor_model import beam_box_m, make_temp_grid
 from mapping.update_rules import MapState, start
@@ -151,7 +152,9 @@ def raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
     for name, beams in by_sensor.items():
         points, t_ns = _points_of(beams)
         yield RawPoints(name, points, t_ns)
-        if len(points) >= config.segments.min_points:
+        if any(len(beam.ranges_m) > 1 for beam in beams):
+            yield from segments_of_scans(beams, config.segments, layer=name)
+        elif len(points) >= config.segments.min_points:
             sensor_positions_m = np.array(
                 [[b.world_from_sensor.x_m, b.world_from_sensor.y_m] for b in beams]
             )

@@ -17,6 +17,7 @@ from mapping.segments.raw import (
     stages_of_points,
 )
 from mapping.segments.ridge import segments_from_grid, segments_from_ridge
+from mapping.segments.scan_lines import segments_of_scans
 from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage, line_stages
 
 __all__ = [
@@ -36,5 +37,6 @@ __all__ = [
     "segments_from_ridge",
     "segments_from_scan",
     "segments_of_ranger",
+    "segments_of_scans",
     "stages_of_points",
 ]
