@@ -22,6 +22,7 @@ from mapping.placing import Placed, place
 from mapping.segments import (
     Stage,
     line_stages,
+    of_lidar_only,
     reachable_cells,
     segments_from_grid,
     segments_of_ranger,
@@ -114,11 +115,17 @@ def result_stages(
         yield Snapshot(layer, rules.get(layer.name, config.fusion.rule), final)
     positions = np.array([[b.world_from_base.x_m, b.world_from_base.y_m] for b in placed.beams])
     for layer in layers:
-        yield from _vector_stages(layer, positions, config, final=final)
+        lidar = of_lidar_only(layer.name, placed.sensors.values())
+        yield from _vector_stages(layer, positions, config, final=final, lidar=lidar)
 
 
 def _vector_stages(
-    layer: Layer, positions_m: NDArray[np.float64], config: MappingConfig, *, final: bool
+    layer: Layer,
+    positions_m: NDArray[np.float64],
+    config: MappingConfig,
+    *,
+    final: bool,
+    lidar: bool,
 ) -> Iterator[Artifact]:
     thresholded = threshold_layer(layer, config.borders.threshold)
     yield thresholded
@@ -128,7 +135,7 @@ def _vector_stages(
         yield from tracer_steps(thresholded, borders, config.rerun.tracer_steps)
     stages: list[Stage] = []
     lines = segments_from_grid(
-        thresholded, borders, config.segments, observed=layer.observed,
+        thresholded, borders, config.segments, lidar=lidar, observed=layer.observed,
         reachable=reachable_cells(layer, positions_m), observe=stages.append if final else None,
     )  # fmt: skip
     yield from _stages_shown(stages, layer.name, "grid", config)

@@ -65,6 +65,10 @@ def _points(
     help="Several maps side by side: rules, models, pose, or A.B=C,D with all values of one key.",
 )
 @click.option("--export", type=options.FILE, help="Folder to write grids, borders and lines to.")
+@click.option(
+    "--mcap", "bag", type=options.FILE,
+    help="ROS 2 bag to write the maps to, with path and TF: a .mcap.",
+)  # fmt: skip
 @plugin_option
 @click.option(
     "--pose",
@@ -85,9 +89,9 @@ def _points(
 @options.quiet
 def map_(
     sessions: tuple[Path, ...], output: str, configs: tuple[Path, ...], settings: tuple[str, ...],
-    preset: str | None, compare: str | None, export: Path | None, plugins: tuple[Path, ...],
-    pose: str | None, probes: tuple[Point, ...], rrd_budget_mb: float | None, force: bool,
-    quiet: bool,
+    preset: str | None, compare: str | None, export: Path | None, bag: Path | None,
+    plugins: tuple[Path, ...], pose: str | None, probes: tuple[Point, ...],
+    rrd_budget_mb: float | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Map a SESSION, and write every step into an .rrd recording.
 
@@ -105,20 +109,24 @@ def map_(
         extra.append(f"rerun.budget_mb={rrd_budget_mb}")
     rrd = None if output == "-" else Path(output)
     if rrd is not None and rrd.suffix == ".mcap":
-        raise BadInput(f"{rrd}: the map is written as an .rrd recording, not as a session")
+        raise BadInput(f"{rrd}: -o is the .rrd recording; --mcap {rrd} writes maps for ROS 2")
     if rrd is not None and rrd.suffix != ".rrd":  # by which the viewer knows it
         raise BadInput(f"{rrd}: the name of a recording must end in .rrd")
+    if bag is not None and bag.suffix != ".mcap":
+        raise BadInput(f"{bag}: the name of a bag must end in .mcap")
     session, *more = sessions
     if compare is not None or len(configs) > 1:
         variants = _variants(configs, compare, extra, preset)
         if probes:
             raise BadInput("--probe follows a cell of one map, not of several side by side")
+        if bag is not None:
+            raise BadInput("--mcap writes the maps of one configuration, not of several")
         return compare_and_report(
             session, variants, rrd, export, more=more, force=force, quiet=quiet
         )
     return map_and_report(
-        session, load_config(configs, extra, preset), rrd, export, probes=probes, more=more,
-        force=force, quiet=quiet,
+        session, load_config(configs, extra, preset), rrd, export, bag=bag, probes=probes,
+        more=more, force=force, quiet=quiet,
     )  # fmt: skip
 
 
