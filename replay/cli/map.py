@@ -48,7 +48,9 @@ def _points(
 
 @click.command("map", epilog="Example:  echogrid map run.mcap -o run.rrd --export out")
 @click.argument("sessions", nargs=-1, required=True, type=options.FILE)
-@click.option("-o", "--output", required=True, help="The .rrd to write; - for none.")
+@click.option(
+    "-o", "--output", help="The .rrd to write; - for none; default: beside the session, as its."
+)
 @click.option(
     "--config",
     "configs",
@@ -88,8 +90,8 @@ def _points(
 @click.option("--force", is_flag=True, help="Replace outputs that exist.")
 @options.quiet
 def map_(
-    sessions: tuple[Path, ...], output: str, configs: tuple[Path, ...], settings: tuple[str, ...],
-    preset: str | None, compare: str | None, export: Path | None, bag: Path | None,
+    sessions: tuple[Path, ...], output: str | None, configs: tuple[Path, ...],
+    settings: tuple[str, ...], preset: str | None, compare: str | None, export: Path | None, bag: Path | None,
     plugins: tuple[Path, ...], pose: str | None, probes: tuple[Point, ...],
     rrd_budget_mb: float | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
@@ -107,7 +109,8 @@ def map_(
         extra.append(f"pose.fixed=[{pose}]")
     if rrd_budget_mb is not None:
         extra.append(f"rerun.budget_mb={rrd_budget_mb}")
-    rrd = None if output == "-" else Path(output)
+    rrd = sessions[0].with_suffix(".rrd") if output is None else Path(output)
+    rrd = None if output == "-" else rrd
     if rrd is not None and rrd.suffix == ".mcap":
         raise BadInput(f"{rrd}: -o is the .rrd recording; --mcap {rrd} writes maps for ROS 2")
     if rrd is not None and rrd.suffix != ".rrd":  # by which the viewer knows it
