@@ -91,8 +91,8 @@ def _points(
 @options.quiet
 def map_(
     sessions: tuple[Path, ...], output: str | None, configs: tuple[Path, ...],
-    settings: tuple[str, ...], preset: str | None, compare: str | None, export: Path | None, bag: Path | None,
-    plugins: tuple[Path, ...], pose: str | None, probes: tuple[Point, ...],
+    settings: tuple[str, ...], preset: str | None, compare: str | None, export: Path | None,
+    bag: Path | None, plugins: tuple[Path, ...], pose: str | None, probes: tuple[Point, ...],
     rrd_budget_mb: float | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Map a SESSION, and write every step into an .rrd recording.
