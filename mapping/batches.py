@@ -55,6 +55,8 @@ def adder_of(rule: UpdateRule, sensors: Sequence[Sensor], number: int) -> str:
     model = type(SENSOR_MODELS.get(sensor.model))
     if sensor.rasteriser != "cells" or model not in _MODELS:
         return ""
+    if sensor.clear_to_m is not None:  # the kernels know no gap between front and band
+        return ""
     if type(rule) in (Bayes, Odds):
         return "fading" if model is Fading else "regions"
     kernels = {Binary: "bands", Count: "bands", Sum: "cells", DempsterShafer: "cells", Himm: "axes"}
@@ -86,7 +88,6 @@ class _Kernel:
         self._row = np.zeros(len(sensors), np.int32)
         self._row[list(mine)] = np.arange(len(mine))
         self._half_rad = np.array([sensor.beam_width_rad / 2.0 for sensor in self.sensors])
-        self._reach_m = np.array([sensor.max_range_m for sensor in self.sensors])
         self._band = np.array([SENSOR_MODELS[s.model].band(s) for s in self.sensors])
         self._empties = np.array([sensor.no_echo == "empties" for sensor in self.sensors])
 
@@ -99,7 +100,7 @@ class _Kernel:
         of = self._row[readings.sensor[rows]]
         before, behind = self._band[of].T
         ends = ends_of(
-            readings.ranges_m[axis], self._reach_m[of], before, behind, self._empties[of]
+            readings.ranges_m[axis], readings.reach_m[axis], before, behind, self._empties[of]
         )
         heading_rad = readings.bearings_rad[axis] + start.heading_rad[rows]
         columns = (start.x_m[rows], start.y_m[rows], heading_rad, *ends)
@@ -227,7 +228,7 @@ class _FadingScans:
         for same, bearings_rad in _same_beams(readings, rows):
             axes = readings.begins[same][:, None] + np.arange(len(bearings_rad))
             ends = ends_of(
-                readings.ranges_m[axes], sensor.max_range_m, before, behind,
+                readings.ranges_m[axes], readings.reach_m[axes], before, behind,
                 sensor.no_echo == "empties",
             )  # fmt: skip
             columns = (start.x_m[same], start.y_m[same], start.heading_rad[same], *ends)

@@ -11,6 +11,14 @@ from numpy.typing import NDArray
 from recorder.geometry import SE2
 
 
+def reach_of_axes(reach_m: NDArray[np.float64]) -> float | NDArray[np.float64]:
+    """The reach of a reading's axes (N,) as a beam holds it: a number where there is one axis."""
+    if len(reach_m) == 1:
+        return float(reach_m[0])
+    reach_m.flags.writeable = False
+    return reach_m
+
+
 @dataclass(frozen=True, slots=True)
 class Beam:
     """One reading, placed: where its beam starts, where it looks and how far it got.
@@ -18,7 +26,9 @@ class Beam:
     ``number`` counts the readings of a session from 0 in the order in which they are mapped.
     A ranger has one axis (``bearings_rad == [0]``); a laser scan has one for each of its beams.
     ``bearings_rad`` and ``ranges_m`` are both (N,); a range of +Inf saw nothing.
-    ``world_from_sensor`` is the beam's origin and heading; ``reach_m`` how far the sensor sees.
+    ``world_from_sensor`` is the beam's origin and heading; ``reach_m`` how far the sensor
+    sees, and so how far a beam without return clears; of scans and of sensors that may clear less,
+    one for each axis (N,).
     """
 
     number: int
@@ -30,7 +40,7 @@ class Beam:
     bearings_rad: NDArray[np.float64]
     ranges_m: NDArray[np.float64]
     beam_width_rad: float
-    reach_m: float
+    reach_m: float | NDArray[np.float64]
 
     @property
     def headings_rad(self) -> NDArray[np.float64]:
@@ -41,6 +51,11 @@ class Beam:
     def saw_something(self) -> NDArray[np.bool_]:
         """Which axes came back with an obstacle, (N,)."""
         return np.isfinite(self.ranges_m)
+
+    @property
+    def far_m(self) -> NDArray[np.float64]:
+        """How far each axis reaches: its range, or how far it clears without return, (N,)."""
+        return np.where(self.saw_something, self.ranges_m, self.reach_m)
 
     @property
     def points_m(self) -> NDArray[np.float64]:
@@ -58,8 +73,7 @@ class Beam:
 
     def bounds_m(self, stretch: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """A box (low, high) that holds the beam with its ranges stretched by a factor."""
-        finite = np.where(self.saw_something, self.ranges_m, self.reach_m)
-        reach = float(finite.max(initial=0.0)) * stretch
+        reach = float(self.far_m.max(initial=0.0)) * stretch
         low, high = self.spread_rad
         start = self.world_from_sensor.heading_rad
         # The box of a sector: its tip, its two edges, and each axis direction that it crosses.

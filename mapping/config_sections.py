@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, SerializeAsAny, create_model
+from pydantic import BeforeValidator, Field, SerializeAsAny, create_model, model_validator
 from pydantic.fields import FieldInfo
 
 from mapping.parameters import (
@@ -90,6 +90,11 @@ class SensorSection(Section):
     no_echo: Literal["empties", "skipped"] | None = Field(
         None, description="what a reading that saw nothing does"
     )
+    clear_to_m: Positive | None = Field(
+        None,
+        description="how far a beam clears; by default to its end, and a scan's beam without "
+        "return as far as others nearby came back from",
+    )
 
 
 class _AllKeys(Section):
@@ -165,8 +170,10 @@ class BordersSection(Section):
 class SegmentsSection(Section):
     """From borders or raw points to straight lines."""
 
-    source: Literal["borders", "ridge"] = Field(
-        "borders", description="follow the border of a wall, or the centre line of its band"
+    source: Literal["auto", "borders", "ridge"] = Field(
+        "auto",
+        description="follow the border of a wall, or the centre line of its band; auto: ridge "
+        "for lidars, borders for others",
     )
     method: str = Field("split-and-merge", description="how points become lines")
     epsilon_m: Positive = Field(0.06, description="farthest point from a chord before it is split")
@@ -238,6 +245,24 @@ class RerunSection(Section):
     display_levels: int = Field(5, ge=2, le=256, description="shades left at reduced depth")
 
 
+class ExportSection(Section):
+    """The pictures that ``map --export`` writes."""
+
+    occupied_thresh: Fraction = Field(
+        0.65, description="map_server maps: a wall where the probability is above it"
+    )
+    free_thresh: Fraction = Field(
+        0.25, description="map_server maps: free where the probability is below it"
+    )
+    png_bits: Literal[8, 16] = Field(8, description="depth of the grey in LAYER.png")
+
+    @model_validator(mode="after")
+    def _in_order(self) -> ExportSection:
+        if self.free_thresh >= self.occupied_thresh:
+            raise ValueError("free_thresh must lie below occupied_thresh")
+        return self
+
+
 class MappingConfig(Section):
     """All sections."""
 
@@ -250,3 +275,4 @@ class MappingConfig(Section):
     borders: BordersSection = BordersSection()
     segments: SegmentsSection = SegmentsSection()
     rerun: RerunSection = RerunSection()
+    export: ExportSection = ExportSection()

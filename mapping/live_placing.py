@@ -15,6 +15,7 @@ from mapping.beams import Beam
 from mapping.config import MappingConfig, Sensor
 from mapping.placing import Placed, place_reading, resolve_sensors
 from mapping.poses import FrameTree, Track, is_sane
+from mapping.scan_reach import ScanReach
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
 from recorder.geometry import SE2
@@ -43,6 +44,7 @@ class LivePlacer:
         self._first_ns: int | None = None
         self._newest_ns = 0
         self._placed = 0
+        self._reach = ScanReach()
 
     def take(self, message: Message) -> list[Beam]:
         """The beams that can be placed now that this message is known."""
@@ -120,7 +122,7 @@ class LivePlacer:
             reading = self._waiting.popleft()
             sensor = self.sensors[reading.sensor]
             outcome = place_reading(
-                self._placed, reading, sensor, track, self._frames, self._config
+                self._placed, reading, sensor, track, self._frames, self._config, self._reach
             )
             if isinstance(outcome, Beam):
                 beams.append(outcome)

@@ -95,6 +95,7 @@ class Sensor:
     rasteriser: str
     second_grid: bool
     no_echo: str
+    clear_to_m: float | None = None  # None: to the beam's end
     own: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     if not TYPE_CHECKING:  # in our own code a misspelt name stays an error

@@ -45,6 +45,7 @@ class SensorTable:
         self.sensors = tuple(self.settled[name] for name in self.names if name in self.settled)
         self.min_m = np.array([sensor.min_range_m for sensor in self.sensors])
         self.max_m = np.array([sensor.max_range_m for sensor in self.sensors])
+        self.clear_to_m = np.array([s.clear_to_m or np.inf for s in self.sensors])
         self.skips = np.array([sensor.no_echo == "skipped" for sensor in self.sensors], np.bool_)
 
 

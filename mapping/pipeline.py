@@ -19,16 +19,18 @@ from mapping.grid import GridGeometry, Layer, check_size, geometry_for
 from mapping.layer_map import LayerMap, empty_maps
 from mapping.parameters import Sensor
 from mapping.placed_session import Counts, HasBlocks, PlacedSession, place_session
-from mapping.readings import Readings, raw_points
+from mapping.readings import Readings, beams_of, raw_points
 from mapping.segments import (
     Stage,
     line_stages,
+    of_lidar_only,
     reachable_cells,
     segments_from_grid,
     segments_of_ranger,
+    segments_of_scans,
 )
 from mapping.sensor_model import stretch_of
-from recorder.messages import Message
+from recorder.messages import Message, Radiation
 
 MARGIN_M = 0.2
 MANY = 20_000  # readings merged at once
@@ -191,11 +193,17 @@ def result_stages(
     for layer in layers:
         yield Snapshot(layer, rules.get(layer.name, config.fusion.rule), final)
     for layer in layers:
-        yield from _vector_stages(layer, trail.positions_m, config, final=final)
+        lidar = of_lidar_only(layer.name, sensors)
+        yield from _vector_stages(layer, trail.positions_m, config, final=final, lidar=lidar)
 
 
 def _vector_stages(
-    layer: Layer, positions_m: NDArray[np.float64], config: MappingConfig, *, final: bool
+    layer: Layer,
+    positions_m: NDArray[np.float64],
+    config: MappingConfig,
+    *,
+    final: bool,
+    lidar: bool,
 ) -> Iterator[Artifact]:
     thresholded = threshold_layer(layer, config.borders.threshold)
     yield thresholded
@@ -205,7 +213,7 @@ def _vector_stages(
         yield from tracer_steps(thresholded, borders, config.rerun.tracer_steps)
     stages: list[Stage] = []
     lines = segments_from_grid(
-        thresholded, borders, config.segments, observed=layer.observed,
+        thresholded, borders, config.segments, lidar=lidar, observed=layer.observed,
         reachable=reachable_cells(layer, positions_m), observe=stages.append if final else None,
     )  # fmt: skip
     yield from _stages_shown(stages, layer.name, "grid", config)
@@ -225,7 +233,10 @@ def raw_lines(placed: Iterable[Readings], config: MappingConfig) -> Iterator[Art
     """The obstacle points of each sensor, and the lines fitted straight to them."""
     for sensor, points, t_ns, from_m in raw_points(placed):
         yield RawPoints(sensor.name, points, t_ns)
-        if len(points) >= config.segments.min_points:
+        if sensor.radiation is Radiation.LASER:
+            beams = beams_of(placed, sensor.name)
+            yield from segments_of_scans(beams, config.segments, layer=sensor.name)
+        elif len(points) >= config.segments.min_points:
             stages: list[Stage] = []
             lines = segments_of_ranger(
                 points, from_m, config.segments, layer=sensor.name,

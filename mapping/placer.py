@@ -9,7 +9,7 @@ placed later either. What is dropped is counted by reason.
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from mapping.pending import Pending, SensorTable, first_readings
 from mapping.placing import FARTHEST_TURN_RAD, resolve_sensors
 from mapping.poses import FrameTree, Track
 from mapping.readings import Readings
+from mapping.scan_reach import ScanReach, reach_of_rangers
 from mapping.tracks import Frames, Motions, MotionTrack
 from recorder.columns import Block, Floats, Ints
 from recorder.geometry import IDENTITY
@@ -62,6 +63,7 @@ class Placer:
         self._placed = 0
         self._last_ns: int | None = None
         self._clock_steps = 0
+        self._scan_reach = ScanReach()
 
     @property
     def sensors(self) -> dict[str, Sensor]:
@@ -135,10 +137,24 @@ class Placer:
             counts = (numbers[begins[1:]] - numbers[begins[:-1]])[kept]
             begins = np.concatenate([[0], np.cumsum(counts)])
             ranges_m = ranges_m[usable]
-        return Readings(
+        readings = Readings(
             table.sensors, first, pending.t_ns[kept], pending.sensor[kept], base, sensor_pose,
-            begins, pending.bearings_rad()[usable], ranges_m,
+            begins, pending.bearings_rad()[usable], ranges_m, ranges_m,
         )  # fmt: skip
+        return replace(readings, reach_m=self._reach_m(readings, pending.is_scan[kept]))
+
+    def _reach_m(self, readings: Readings, is_scan: NDArray[np.bool_]) -> Floats:
+        """How far each axis sees, and so clears where it saw nothing, (K,)."""
+        table = self._table
+        sensor = readings.axes_of(readings.sensor)
+        reach_m = reach_of_rangers(readings.ranges_m, table.max_m[sensor], table.clear_to_m[sensor])
+        for row in np.flatnonzero(is_scan).tolist():
+            axes = slice(int(readings.begins[row]), int(readings.begins[row + 1]))
+            reach_m[axes] = self._scan_reach.of_scan(
+                readings.world_from_sensor.one(row), readings.bearings_rad[axes],
+                readings.ranges_m[axes], table.sensors[readings.sensor[row]],
+            )  # fmt: skip
+        return reach_m
 
     def _count(self, why: NDArray[np.int8], pending: Pending, table: SensorTable) -> None:
         """Count what is used and what is dropped, in the order in which they come up."""

@@ -11,10 +11,11 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.beams import Beam
+from mapping.beams import Beam, reach_of_axes
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.fusion import check_layers
 from mapping.poses import FrameTree, Track, is_sane
+from mapping.scan_reach import ScanReach, reach_of_rangers
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import (
@@ -58,12 +59,15 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     sensors = resolve_sensors(readings, frames, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
+    reach = ScanReach()
     clocks_back = 0
     last_ns = readings[0].t_ns
     for reading in readings:
         clocks_back += reading.t_ns < last_ns
         last_ns = reading.t_ns
-        outcome = place_reading(len(beams), reading, sensors[reading.sensor], track, frames, config)
+        outcome = place_reading(
+            len(beams), reading, sensors[reading.sensor], track, frames, config, reach
+        )
         if isinstance(outcome, Beam):
             beams.append(outcome)
             used[reading.sensor] += 1
@@ -175,8 +179,9 @@ def place_reading(
     track: Track,
     frames: FrameTree,
     config: MappingConfig,
+    reach: ScanReach,
 ) -> Beam | str:
-    """The beam, or the reason why there is none."""
+    """The beam, or the reason why there is none; ``reach`` knows the scans before it."""
     ranges_m = _checked(reading, sensor)
     if isinstance(ranges_m, str):
         return ranges_m
@@ -191,10 +196,14 @@ def place_reading(
     usable = ~np.isnan(ranges_m)
     bearings, ranges_m = bearings[usable], ranges_m[usable]
     bearings.flags.writeable = ranges_m.flags.writeable = False
+    if isinstance(reading, Scan):
+        reach_m = reach.of_scan(world_from_sensor, bearings, ranges_m, sensor)
+    else:
+        reach_m = reach_of_rangers(ranges_m, sensor.max_range_m, sensor.clear_to_m or math.inf)
     return Beam(
         number=number, t_ns=reading.t_ns, sensor=sensor.name, layer=sensor.layer,
         world_from_base=base, world_from_sensor=world_from_sensor, bearings_rad=bearings,
-        ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad, reach_m=sensor.max_range_m,
+        ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad, reach_m=reach_of_axes(reach_m),
     )  # fmt: skip
 
 

@@ -49,7 +49,7 @@ class RangePredictor:
         x = (beam.world_from_sensor.x_m - geometry.origin_m[0]) / resolution
         y = (beam.world_from_sensor.y_m - geometry.origin_m[1]) / resolution
         beyond = abs(x) + abs(y) + geometry.rows + geometry.cols  # no cell is further away
-        reach = min(beam.reach_m / resolution, beyond)
+        reach = min(float(np.max(beam.reach_m)) / resolution, beyond)
         if len(beam.ranges_m) == 1:
             half = beam.beam_width_rad / 2.0
             heading = float(beam.headings_rad[0])

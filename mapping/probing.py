@@ -137,7 +137,7 @@ class CellProbe:
         if any(here is not None and grid.free[here] for grid, here in parts):
             return EMPTY
         within = angle <= beam.beam_width_rad / 2.0 + _TOLERANCE_RAD
-        behind = beam.ranges_m[axis] < distance <= beam.reach_m
+        behind = beam.ranges_m[axis] < distance <= np.max(beam.reach_m)
         return BEHIND if within and behind else None
 
 

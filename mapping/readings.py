@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.beams import Beam
+from mapping.beams import Beam, reach_of_axes
 from mapping.config import Sensor
 from mapping.tracks import Motions
 from recorder.columns import Floats, Ints
@@ -25,6 +25,7 @@ class Readings:
     ``world_from_base`` and ``world_from_sensor`` (the beam's origin and heading) are (N,).
     ``bearings_rad`` and ``ranges_m`` are (K,), a range of +Inf saw nothing; those of row i lie
     from ``begins[i]`` to ``begins[i + 1]``: one of a ranger, as many as are usable of a scan.
+    ``reach_m`` (K,) is how far an axis sees, and so how far one without return clears.
     """
 
     sensors: tuple[Sensor, ...]
@@ -36,13 +37,16 @@ class Readings:
     begins: Ints
     bearings_rad: Floats
     ranges_m: Floats
+    reach_m: Floats
 
     @classmethod
     def none(cls, sensors: tuple[Sensor, ...] = (), first_number: int = 0) -> Readings:
         """No reading at all."""
         nothing, zero = np.zeros(0, np.int64), np.zeros(1, np.int64)
         motions, floats = Motions.none(), np.zeros(0)
-        return cls(sensors, first_number, nothing, nothing, motions, motions, zero, floats, floats)
+        return cls(
+            sensors, first_number, nothing, nothing, motions, motions, zero, floats, floats, floats
+        )
 
     @classmethod
     def joined(cls, parts: Sequence[Readings]) -> Readings:
@@ -60,6 +64,7 @@ class Readings:
             np.concatenate([*begins, ends[-1:]]),
             np.concatenate([part.bearings_rad for part in parts]),
             np.concatenate([part.ranges_m for part in parts]),
+            np.concatenate([part.reach_m for part in parts]),
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -76,7 +81,7 @@ class Readings:
             self.sensors, self.first_number + first, self.t_ns[first:end], self.sensor[first:end],
             self.world_from_base[first:end], self.world_from_sensor[first:end],
             self.begins[first : end + 1] - self.begins[first], self.bearings_rad[axes],
-            self.ranges_m[axes],
+            self.ranges_m[axes], self.reach_m[axes],
         )  # fmt: skip
 
     def beam(self, row: int) -> Beam:
@@ -89,7 +94,8 @@ class Readings:
             number=self.first_number + row, t_ns=int(self.t_ns[row]), sensor=sensor.name,
             layer=sensor.layer, world_from_base=self.world_from_base.one(row),
             world_from_sensor=self.world_from_sensor.one(row), bearings_rad=bearings_rad,
-            ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad, reach_m=sensor.max_range_m,
+            ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad,
+            reach_m=reach_of_axes(self.reach_m[axes]),
         )  # fmt: skip
 
     def beams(self) -> Iterator[Beam]:
@@ -100,7 +106,7 @@ class Readings:
     def nbytes(self) -> int:
         """The memory that they take, at most."""
         own = (self.t_ns, self.sensor, self.begins, self.bearings_rad, self.ranges_m)
-        return sum(each.nbytes for each in own) + 6 * 8 * len(self)
+        return sum(each.nbytes for each in own) + self.reach_m.nbytes + 6 * 8 * len(self)
 
     def axes_of(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
         """What holds for each reading (N,), for each of its axes (K,)."""
@@ -137,11 +143,8 @@ class Readings:
     def _corners_m(self, stretch: Floats) -> Floats:
         """The box of each reading (N, 4): low x and y, high x and y, but for rounding."""
         half_rad = np.array([sensor.beam_width_rad for sensor in self.sensors])[self.sensor] / 2.0
-        limit_m = np.array([sensor.max_range_m for sensor in self.sensors])[self.sensor]
         single = len(self.ranges_m) == len(self)  # no scan among them
-        far_m = np.where(
-            np.isfinite(self.ranges_m), self.ranges_m, limit_m if single else self.axes_of(limit_m)
-        )
+        far_m = np.where(np.isfinite(self.ranges_m), self.ranges_m, self.reach_m)
         lowest_rad = highest_rad = self.bearings_rad
         if not single:
             begins = self.begins[:-1]
@@ -186,6 +189,16 @@ def raw_points(
         points_m.flags.writeable = t_ns.flags.writeable = False
         joined.append((sensor, points_m, t_ns, from_m))
     return joined
+
+
+def beams_of(placed: Iterable[Readings], sensor: str) -> list[Beam]:
+    """The readings of one sensor as beams, in order."""
+    return [
+        readings.beam(row)
+        for readings in placed
+        for row in range(len(readings))
+        if readings.sensors[readings.sensor[row]].name == sensor
+    ]
 
 
 def _crosses(low_rad: Floats, high_rad: Floats, direction_rad: float) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from mapping.artifacts import Artifact
 from mapping.pipeline import build_maps
+from mapping.placed_session import place_session
 from recorder.errors import BadInput
 from recorder.messages import Range, Scan
 from recorder.names import printable
@@ -22,6 +23,7 @@ from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, beams_of, in_step
 from replay.exports import Exporter, exporter_for
 from replay.mapping_run import RunResult, result_of, with_progress
+from replay.trajectory import poses_of
 
 if TYPE_CHECKING:
     from replay.rrd.writer import RrdWriter
@@ -71,8 +73,8 @@ def compare_session(
                     exporters[name](artifact)
                 collectors[name](artifact)
             distances.take(moment)
-    for exporter in exporters.values():
-        exporter.close()
+    for variant in variants if exporters else ():
+        exporters[variant.name].close(poses_of(place_session(session.messages(), variant.config)))
     left_out = "" if writer is None else writer.left_out
     results = {
         name: result_of(collector, session.damage, left_out)

@@ -21,20 +21,22 @@ from PIL import Image
 
 from mapping.artifacts import Artifact, Border, RawPoints, Snapshot
 from mapping.config import MappingConfig
+from mapping.config_sections import ExportSection
 from mapping.config_text import commented_toml
 from mapping.grid import Layer
 from mapping.update_rules import rule_of, unit_gives_start
 from recorder.errors import BadInput, OutputExists
+from recorder.messages import Pose
 from recorder.names import unusable_name
 from recorder.outputs import written_beside
 from recorder.versions import own_version
 from replay.collector import Collector
 from replay.json_values import json_value
+from replay.trajectory import tum_text
 from replay.vector_files import segments_geojson, vector_dxf, vector_svg
 
-OCCUPIED_THRESHOLD = 0.65
-FREE_THRESHOLD = 0.25
-_UNKNOWN = 0.5  # its grey, 128, lies between the two thresholds
+_UNKNOWN = 0.5  # its grey lies between the two thresholds, whatever these are set to
+_DEFAULTS = ExportSection()
 
 
 class Exporter:
@@ -47,11 +49,13 @@ class Exporter:
     """
 
     def __init__(
-        self, directory: Path, *, config_text: str, config: Mapping[str, Any], force: bool
-    ) -> None:
+        self, directory: Path, *, config_text: str, config: Mapping[str, Any], force: bool,
+        section: ExportSection = _DEFAULTS,
+    ) -> None:  # fmt: skip
         self._directory = directory
         self._config_text = config_text
         self._config = config
+        self._section = section
         self._results = Collector()
         _make_directory(directory, force=force)
 
@@ -61,10 +65,13 @@ class Exporter:
             _check_name(artifact.layer.name)
         self._results(artifact)
 
-    def close(self) -> None:
-        """Write every file. Raises BadInput when the directory cannot be written."""
+    def close(self, poses: Sequence[Pose] = ()) -> None:
+        """Write every file. ``poses``: where the robot was.
+
+        Raises BadInput when the directory cannot be written.
+        """
         try:
-            for name, content in self._files():
+            for name, content in (*self._files(), ("trajectory.tum", tum_text(poses).encode())):
                 with written_beside(self._directory / name) as part:
                     part.write_bytes(content)
         except OSError as error:
@@ -80,8 +87,10 @@ class Exporter:
             on_grid = [s for s in segments if s.source == "grid"]
             raw = [s for s in segments if s.source == "raw"]
             yield f"{name}.npz", layer_npz(layer, snapshot.rule)
-            yield f"{name}.pgm", layer_pgm(layer)
-            yield f"{name}.yaml", map_server_yaml(layer).encode()
+            yield f"{name}.pgm", layer_pgm(layer, self._section)
+            yield f"{name}.yaml", map_server_yaml(layer, self._section).encode()
+            yield f"{name}.png", layer_png(layer, self._section)
+            yield f"{name}.pgw", world_file(layer).encode()
             yield f"{name}.borders.json", borders_json(borders).encode()
             yield f"{name}.segments.geojson", segments_geojson(on_grid).encode()
             yield f"{name}.raw-segments.geojson", segments_geojson(raw).encode()
@@ -111,7 +120,7 @@ def exporter_for(directory: Path, config: MappingConfig, *, force: bool) -> Expo
     """An exporter of a run with a configuration; raises what :class:`Exporter` raises."""
     return Exporter(
         directory, config_text=commented_toml(config), config=config.model_dump(mode="json"),
-        force=force,
+        force=force, section=config.export,
     )  # fmt: skip
 
 
@@ -137,21 +146,45 @@ def layer_npz(layer: Layer, rule: str = "") -> bytes:
     return file.getvalue()
 
 
-def layer_pgm(layer: Layer) -> bytes:
+def layer_pgm(layer: Layer, section: ExportSection = _DEFAULTS) -> bytes:
     """Binary PGM for map_server: its first row is the highest y, grey is 255 (1 - probability).
 
-    A cell that no reading touched is written as 0.5, whatever its rule holds there: a count of 0
-    would otherwise read as free.
+    A cell that no reading touched lies half way between the thresholds, whatever its rule holds
+    there: a count of 0 would otherwise read as free.
     """
+    unknown = (section.free_thresh + section.occupied_thresh) / 2.0
+    inside = section.free_thresh < _UNKNOWN < section.occupied_thresh
+    return _picture(layer, "PPM", 8, _UNKNOWN if inside else unknown)
+
+
+def layer_png(layer: Layer, section: ExportSection = _DEFAULTS) -> bytes:
+    """The same picture as PNG, 8 or 16 bits deep, unknown at half grey: for GIS and documents."""
+    return _picture(layer, "PNG", section.png_bits, _UNKNOWN)
+
+
+def _picture(layer: Layer, form: str, bits: int, unknown: float) -> bytes:
     known = layer.observed & np.isfinite(layer.probability)
-    probability = np.where(known, layer.probability.astype(np.float64), _UNKNOWN)
-    grey = np.round(255.0 * (1.0 - np.clip(probability, 0.0, 1.0))).astype(np.uint8)
+    probability = np.where(known, layer.probability.astype(np.float64), unknown)
+    grey = np.round((2**bits - 1) * (1.0 - np.clip(probability, 0.0, 1.0)))
     file = io.BytesIO()
-    Image.fromarray(np.ascontiguousarray(grey[::-1])).save(file, format="PPM")
+    pixels = np.ascontiguousarray(grey[::-1].astype(np.uint8 if bits == 8 else np.uint16))
+    Image.fromarray(pixels).save(file, format=form)
     return file.getvalue()
 
 
-def map_server_yaml(layer: Layer) -> str:
+def world_file(layer: Layer) -> str:
+    """Where a picture's pixels lie, as GIS and CAD read it beside the picture (ESRI's world file).
+
+    Size of a pixel along x, two turns, size along y (downwards), then the centre of the picture's
+    first pixel, its upper left one; metres, map frame.
+    """
+    (x, y), size = layer.geometry.origin_m, layer.geometry.resolution_m
+    top = y + (layer.geometry.rows - 0.5) * size
+    numbers = (size, 0.0, 0.0, -size, x + 0.5 * size, top)
+    return "".join(f"{float(number):.12g}\n" for number in numbers)
+
+
+def map_server_yaml(layer: Layer, section: ExportSection = _DEFAULTS) -> str:
     """What nav2's map_server reads beside the picture; the origin is the lower left corner."""
     x, y = layer.geometry.origin_m
     fields = {
@@ -160,8 +193,8 @@ def map_server_yaml(layer: Layer) -> str:
         "resolution": float(layer.geometry.resolution_m),
         "origin": [float(x), float(y), 0.0],
         "negate": 0,
-        "occupied_thresh": OCCUPIED_THRESHOLD,
-        "free_thresh": FREE_THRESHOLD,
+        "occupied_thresh": section.occupied_thresh,
+        "free_thresh": section.free_thresh,
     }
     text: str = yaml.safe_dump(fields, sort_keys=False, default_flow_style=None, allow_unicode=True)
     return text

@@ -21,6 +21,8 @@ from recorder.session.columns import open_session
 from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.exports import exporter_for
+from replay.occupancy_bag import write_bag
+from replay.trajectory import poses_of
 
 if TYPE_CHECKING:
     from replay.rrd.writer import RrdWriter
@@ -52,11 +54,12 @@ def map_session(
     more: Sequence[Path] = (),
     rrd: Path | None,
     export: Path | None,
+    bag: Path | None = None,
     probes: Sequence[tuple[float, float]] = (),
     force: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> RunResult:
-    """Map a session into a recording and a directory of files, each where it is asked for.
+    """Map a session into a recording, a directory of files and a ROS 2 bag, where asked for.
 
     ``more`` are further parts of the session, or further sessions of the same robot and place.
     ``probes`` are points of the map (metres) whose cells are followed.
@@ -64,6 +67,8 @@ def map_session(
     """
     if rrd is not None:
         check_output(rrd, (path, *more), force=force)
+    if bag is not None:
+        check_output(bag, (path, *more), force=force)
     session = open_session(path, *more)
     placed = place_session(session, config)
     total, count = placed.counts.readings, _every_now_and_then(progress, placed.counts.readings)
@@ -90,8 +95,12 @@ def map_session(
                 take(artifact)
     if progress is not None:
         progress(total, total)  # those that were dropped came to no beam
+    poses = poses_of(placed) if exporter is not None or bag is not None else []
     if exporter is not None:
-        exporter.close()
+        exporter.close(poses)
+    if bag is not None:
+        layers = [snapshot.layer for snapshot in collector.snapshots.values()]
+        write_bag(bag, layers, poses, force=force)
     left_out = "" if writer is None else writer.left_out
     return result_of(collector, session.damage, left_out, probes=followed, rrd=rrd)
 

@@ -29,6 +29,7 @@ def segments_geojson(segments: Sequence[Segment]) -> str:
 
     Its properties: ``layer``, ``border`` (number or null), ``rho`` in metres, ``alpha`` in radians,
     ``covariance`` of the two as a 2 x 2 list, ``rms`` in metres and ``n``, the number of points.
+    The collection states its ``frame`` and ``unit``.
     """
     import geojson
 
@@ -48,7 +49,9 @@ def segments_geojson(segments: Sequence[Segment]) -> str:
         )
         for segment in segments
     ]
-    text: str = geojson.dumps(geojson.FeatureCollection(features), indent=1, allow_nan=False)
+    # Foreign members (RFC 7946, 6.1), as its own coordinates would be degrees on the globe.
+    whole = geojson.FeatureCollection(features, frame="map", unit="metre")
+    text: str = geojson.dumps(whole, indent=1, allow_nan=False)
     return text + "\n"
 
 

@@ -174,3 +174,12 @@ def test_an_input_is_never_replaced(
     one_line(capsys)
     for path in (mine, other, rrd):
         assert path.read_bytes() == session.read_bytes()
+
+
+def test_a_map_without_a_name_lies_beside_its_session(tmp_path: Path) -> None:
+    session = tmp_path / "run.mcap"
+    assert main(["simulate", "room", "-o", str(session), "--duration", "2", "--quiet"]) == 0
+    arguments = ["map", str(session), "--set", "grid.resolution_m=0.05", "--quiet"]
+    assert main(arguments) == 0
+    assert (tmp_path / "run.rrd").stat().st_size > 1000
+    assert main(arguments) == 2  # not replaced without --force

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from echogrid import main
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.importers import IMPORTERS, Imported, guess_format, import_comp4807
 from recorder.messages import Pose, Radiation, Range, Transform
+from recorder.session import read_session
 
 HEADER = "x,y,angle,Dirrs+|0|-3|0|0.05|3,Sonar|0|4|0|0.10|19"
 
@@ -102,6 +104,19 @@ def test_columns_in_another_order(tmp_path: Path) -> None:
     for wrong in [("ping",), ("ping", "ping"), ("ping", "lidar"), ()]:
         with pytest.raises(BadInput, match="must name each of dirrs,ping once"):
             import_comp4807(path, columns=wrong)
+
+
+def test_channels_that_are_exchanged_midway(tmp_path: Path) -> None:
+    path = trace(tmp_path, f"{HEADER}\n0,0,0,30,200\n0,0,1,31,201\n\n0,0,2,202,32\n")
+    arguments = ["import", str(path), "-o", str(tmp_path / "s.mcap"), "--quiet"]
+    assert main([*arguments, "--columns", "dirrs,ping", "--columns", "3:ping,dirrs"]) == 0
+    found = [m for m in read_session(tmp_path / "s.mcap").messages() if isinstance(m, Range)]
+    by_sensor = {name: [m.range_m for m in found if m.sensor == name] for name in ("ping", "dirrs")}
+    assert by_sensor["ping"] == pytest.approx([2.0, 2.01, 2.02])
+    assert by_sensor["dirrs"] == pytest.approx([0.3, 0.31, 0.32])
+    with pytest.raises(BadInput, match="from row 9 on, but it has 3 rows"):
+        import_comp4807(path, changes={9: ("ping", "dirrs")})
+    assert main([*arguments, "--force", "--columns", "dirrs,ping", "--columns", "ping,dirrs"]) == 2
 
 
 @pytest.mark.parametrize(

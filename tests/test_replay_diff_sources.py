@@ -399,8 +399,12 @@ def test_a_map_of_map_server_by_its_own_rules(tmp_path: Path) -> None:
         assert (layer.geometry.origin_m, layer.geometry.resolution_m) == ((-1.0, 2.0), 0.05)
 
 
-def nav2_cell(rgba: tuple[int, ...], most: int, mode: str, negate: bool, matte: bool) -> int:
-    """One pixel by nav2_map_server's map_io.cpp, line by line, thresholds 0.65 and 0.196."""
+def nav2_cell(
+    rgba: tuple[int, ...], most: int, mode: str, negate: bool, matte: bool,
+    thresholds: tuple[float, float] = (0.196, 0.65),
+) -> int:  # fmt: skip
+    """One pixel by nav2_map_server's map_io.cpp, line by line; ``thresholds``: free, occupied."""
+    free, occupied = thresholds
     channels = list(rgba[:-1])
     opaque = rgba[-1] == most
     if mode == "trinary" and matte:
@@ -412,7 +416,7 @@ def nav2_cell(rgba: tuple[int, ...], most: int, mode: str, negate: bool, matte: 
         occ = percent / 100.0 if percent <= 100 else math.nan
     if mode == "scale" and not opaque:
         return -1
-    return 100 if occ > 0.65 else 0 if occ < 0.196 else -1
+    return 100 if occ > occupied else 0 if occ < free else -1
 
 
 @settings(

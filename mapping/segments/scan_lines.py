@@ -8,7 +8,7 @@ there are; the longest lines begin, as they point most surely.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Segment
 from mapping.beams import Beam
-from mapping.config import SegmentsSection
+from mapping.config import SegmentsSection, Sensor
 from mapping.segments.chains import chains_from_scan
 from mapping.segments.least_squares import FittedLine, FloatArray, fit_line
 from mapping.segments.methods import line_method
 from mapping.segments.raw import raw_segment
+from recorder.messages import Radiation
 
 _ACROSS = 2.0  # of epsilon: how far poses of scans may disagree across a wall
 _TURNED = 0.10  # radians between a line and the wall that it continues, at most
@@ -49,6 +50,13 @@ def segments_of_scans(
         walls.add(lines[i], sides[i], sources[i])
     few = min(_FEWEST_SCANS, len(beams))
     return [raw_segment(line, layer, config) for line in walls.joined(few)]
+
+
+def of_lidar_only(layer: str, sensors: Iterable[Sensor]) -> bool:
+    """Whether nothing but lasers fills a layer; the fused one is filled by all sensors."""
+    kinds = [(sensor.layer, sensor.radiation is Radiation.LASER) for sensor in sensors]
+    own = [laser for name, laser in kinds if name == layer]
+    return all(own or [laser for _, laser in kinds])
 
 
 def _lines_of_scan(beam: Beam, config: SegmentsSection) -> list[FittedLine]:

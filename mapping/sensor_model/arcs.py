@@ -48,6 +48,8 @@ def rasterise_arcs(
     probability = model.occupied(sensor, _cells_in_beam(beam, spans, samples))
     cells = geometry.cells_of(_points(beam, samples)) - (window.row0, window.col0)
     inside = ((cells >= 0) & (cells < (window.rows, window.cols))).all(axis=1)
+    if sensor.clear_to_m is not None:
+        inside &= samples.in_band | (samples.rho_m <= sensor.clear_to_m)
     cells, probability, band = cells[inside], probability[inside], samples.in_band[inside]
     whole = _grid(beam, geometry, window, cells, probability, band)
     if sensor.second_grid:

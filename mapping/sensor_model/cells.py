@@ -78,6 +78,8 @@ def rasterise_cells(
         covered, with_band = _many_axes(beam, spans, geometry, window, free, band)
     if not with_band.all():
         covered = _with_point_bands(beam, spans, geometry, window, covered, with_band, free, band)
+    if sensor.clear_to_m is not None:
+        covered = _cleared_no_farther(covered, sensor.clear_to_m, free, band)
     beam_cells = _cells_in_beam(beam, spans, covered, band)
     probability = np.full(free.shape, 0.5)
     probability.ravel()[covered.index] = model.occupied(sensor, beam_cells)
@@ -177,6 +179,16 @@ def _with_point_bands(
         np.concatenate([covered.across_m[kept], np.zeros_like(d)]),
         np.concatenate([covered.owner[kept], lacking]),
     )
+
+
+def _cleared_no_farther(covered: Covered, clear_to_m: float, free: Flags, band: Flags) -> Covered:
+    """Those of the cells that lie in a band or near enough; the others are not free any more."""
+    kept = band.ravel()[covered.index] | (covered.rho_m <= clear_to_m)
+    free.ravel()[covered.index[~kept]] = False
+    return Covered(
+        covered.index[kept], covered.rho_m[kept], covered.along_m[kept], covered.across_m[kept],
+        covered.owner[kept],
+    )  # fmt: skip
 
 
 def _cells_in_beam(beam: Beam, spans: Spans, covered: Covered, band: Flags) -> CellsInBeam:

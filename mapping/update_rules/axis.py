@@ -23,11 +23,12 @@ def axis_cells(temp: TempGrid) -> tuple[Flags, Flags]:
     beam, window = temp.beam, temp.window
     passed = np.zeros((window.rows, window.cols), np.bool_)
     hit = np.zeros_like(passed)
-    for heading, range_m in zip(beam.headings_rad, beam.ranges_m, strict=True):
+    ends_m = beam.far_m
+    for heading, range_m, end_m in zip(beam.headings_rad, beam.ranges_m, ends_m, strict=True):
         seen = math.isfinite(range_m)
         if math.isnan(range_m):
             continue
-        row, col = line_cells(temp, float(heading), float(range_m) if seen else beam.reach_m)
+        row, col = line_cells(temp, float(heading), float(end_m))
         inside = (row >= 0) & (row < window.rows) & (col >= 0) & (col < window.cols)
         if seen:
             if inside[-1]:

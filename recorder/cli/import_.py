@@ -32,8 +32,10 @@ from recorder.cli import options
 )
 @click.option(
     "--columns",
+    multiple=True,
     help="csv: what the columns are, as in t_ms,head:deg,ping:cm (guessed when left out); "
-    "comp4807: the sensors in their order, as in ping,dirrs; default: the header's.",
+    "comp4807: the sensors in their order, as in ping,dirrs; default: the header's; once more as "
+    "200:dirrs,ping for another order from row 200 on.",
 )
 @click.option("--pose", metavar="X,Y,DEG", help="csv: where a robot that stands still is.")
 @click.option(
@@ -97,9 +99,7 @@ def _options_of(name: str, choices: dict[str, Any]) -> dict[str, Any]:
     takes = IMPORTERS[name].options
     clock = {"rate_hz": choices["rate"], "start_s": choices["start"]}
     out: dict[str, Any] = {key: value for key, value in clock.items() if key in takes}
-    if choices["columns"] is not None:
-        parts = tuple(part.strip() for part in choices["columns"].split(","))
-        out["columns"] = choices["columns"] if name == "csv" else parts
+    out |= _columns_of(name, choices["columns"])
     if choices["pose"] is not None:
         out["pose"] = parse_pose(choices["pose"])
     if choices["wheels"] is not None:
@@ -108,4 +108,22 @@ def _options_of(name: str, choices: dict[str, Any]) -> dict[str, Any]:
         out["mounts"] = tuple(parse_mount(mount) for mount in choices["mounts"])
     if choices["sensors"]:
         out["sensors"] = dict(parse_sensor(sensor) for sensor in choices["sensors"])
+    return out
+
+
+def _columns_of(name: str, given: tuple[str, ...]) -> dict[str, Any]:
+    """The orders of columns: of the whole file, and from a row on (``200:dirrs,ping``)."""
+    from recorder.errors import BadInput
+
+    out: dict[str, Any] = {}
+    for text in given:
+        row, colon, names = text.partition(":")
+        if name == "comp4807" and colon and row.strip().isdecimal() and len(row) < 10:
+            order = tuple(part.strip() for part in names.split(","))
+            out.setdefault("changes", {})[int(row)] = order
+        elif "columns" in out:
+            raise BadInput(f"--columns {text}: columns are named already")
+        else:
+            parts = tuple(part.strip() for part in text.split(","))
+            out["columns"] = text if name == "csv" else parts
     return out

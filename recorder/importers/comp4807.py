@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from recorder.errors import BadInput
 from recorder.geometry import SE2, wrap_angle
@@ -136,11 +137,14 @@ def import_comp4807(
     rate_hz: float = 20.0,
     start_s: float = 0.0,
     columns: tuple[str, ...] | None = None,
+    changes: Mapping[int, tuple[str, ...]] = MappingProxyType({}),
 ) -> Imported:
     """Read a trace; group k of the file gets the time ``start_s + k / rate_hz`` (UNIX seconds).
 
     ``columns`` names the sensors in the order in which their readings stand in the rows, where this
-    is not the order of the header. BadInput: no trace, a bad option, no reading with a pose.
+    is not the order of the header; ``changes`` the same from a row on, the first below the header
+    being row 1, for a trace whose channels are exchanged midway. BadInput: no trace, a bad option,
+    no reading with a pose.
     """
     _check_clock(rate_hz, start_s)
     try:
@@ -157,14 +161,22 @@ def import_comp4807(
         mount = Transform(start_ns, BASE_FRAME, sensor.name, sensor.mount)
         trace.records.append((start_ns, mount))
     trace.add_readings(glued, None)
+    orders = {row: _in_order(path, sensors, names) for row, names in changes.items()}
+    rows = 0
     for line in lines[1:]:
         if line.strip():
+            rows += 1
+            trace.sensors = orders.get(rows, trace.sensors)
             trace.add_row(_tokens(line))
+    if orders and max(orders) > rows:
+        raise BadInput(f"{path}: columns from row {max(orders)} on, but it has {rows} rows")
     if not trace.readings_with_pose:
         many = f"{trace.groups} group{'s' * (trace.groups != 1)} of readings without one"
         why = many if trace.groups else "no reading at all"
         raise BadInput(f"{path}: not one reading with a pose ({why})")
     metadata = _metadata(ordered, rate_hz, start_s)
+    for row, order in sorted(orders.items()):
+        metadata["columns"] += f"; from row {row} {','.join(sensor.name for sensor in order)}"
     return Imported(trace.records, metadata, dict(trace.dropped))
 
 

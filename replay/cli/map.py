@@ -51,7 +51,9 @@ def _points(
 
 @click.command("map", epilog="Example:  echogrid map run.mcap -o run.rrd --export out")
 @click.argument("sessions", nargs=-1, required=True, type=options.FILE)
-@click.option("-o", "--output", required=True, help="The .rrd to write; - for none.")
+@click.option(
+    "-o", "--output", help="The .rrd to write; - for none; default: beside the session, as its."
+)
 @click.option(
     "--config",
     "configs",
@@ -68,6 +70,10 @@ def _points(
     help="Several maps side by side: rules, models, pose, or A.B=C,D with all values of one key.",
 )
 @click.option("--export", type=options.FILE, help="Folder to write grids, borders and lines to.")
+@click.option(
+    "--mcap", "bag", type=options.FILE,
+    help="ROS 2 bag to write the maps to, with path and TF: a .mcap.",
+)  # fmt: skip
 @plugin_option
 @click.option(
     "--pose",
@@ -87,10 +93,10 @@ def _points(
 @click.option("--force", is_flag=True, help="Replace outputs that exist.")
 @options.quiet
 def map_(
-    sessions: tuple[Path, ...], output: str, configs: tuple[Path, ...], settings: tuple[str, ...],
-    preset: str | None, compare: str | None, export: Path | None, plugins: tuple[Path, ...],
-    pose: str | None, probes: tuple[Point, ...], rrd_budget_mb: float | None, force: bool,
-    quiet: bool,
+    sessions: tuple[Path, ...], output: str | None, configs: tuple[Path, ...],
+    settings: tuple[str, ...], preset: str | None, compare: str | None, export: Path | None,
+    bag: Path | None, plugins: tuple[Path, ...], pose: str | None, probes: tuple[Point, ...],
+    rrd_budget_mb: float | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Map a SESSION, and write every step into an .rrd recording.
 
@@ -106,22 +112,28 @@ def map_(
         extra.append(f"pose.fixed=[{pose}]")
     if rrd_budget_mb is not None:
         extra.append(f"rerun.budget_mb={rrd_budget_mb}")
-    rrd = None if output == "-" else Path(output)
+    rrd: Path | None = None
+    if output != "-":
+        rrd = sessions[0].with_suffix(".rrd") if output is None else Path(output)
     if rrd is not None and rrd.suffix == ".mcap":
-        raise BadInput(f"{rrd}: the map is written as an .rrd recording, not as a session")
+        raise BadInput(f"{rrd}: -o is the .rrd recording; --mcap {rrd} writes maps for ROS 2")
     if rrd is not None and rrd.suffix != ".rrd":  # by which the viewer knows it
         raise BadInput(f"{rrd}: the name of a recording must end in .rrd")
+    if bag is not None and bag.suffix != ".mcap":
+        raise BadInput(f"{bag}: the name of a bag must end in .mcap")
     session, *more = sessions
     if compare is not None or len(configs) > 1:
         variants = _variants(configs, compare, extra, preset)
         if probes:
             raise BadInput("--probe follows a cell of one map, not of several side by side")
+        if bag is not None:
+            raise BadInput("--mcap writes the maps of one configuration, not of several")
         return compare_and_report(
             session, variants, rrd, export, more=more, force=force, quiet=quiet
         )
     return map_and_report(
-        session, load_config(configs, extra, preset), rrd, export, probes=probes, more=more,
-        force=force, quiet=quiet,
+        session, load_config(configs, extra, preset), rrd, export, bag=bag, probes=probes,
+        more=more, force=force, quiet=quiet,
     )  # fmt: skip
 
 

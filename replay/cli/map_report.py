@@ -26,20 +26,21 @@ _WIDEST = 160  # columns of text; a file or a pipe gets 80
 def map_and_report(
     session: Path, config: MappingConfig, rrd: Path | None, export: Path | None, *, force: bool,
     quiet: bool, probes: Sequence[tuple[float, float]] = (), more: Sequence[Path] = (),
+    bag: Path | None = None,
 ) -> int:  # fmt: skip
     from replay.mapping_run import map_session
 
     with progress_bar(f"mapping {session.name}", quiet=quiet) as advance:
         result = map_session(
-            session, config, more=more, rrd=rrd, export=export, force=force, probes=probes,
-            progress=advance,
+            session, config, more=more, rrd=rrd, export=export, bag=bag, force=force,
+            probes=probes, progress=advance,
         )  # fmt: skip
     status = _report_damage(session, result.damage)
     if not quiet:
         click.echo("\n".join(_map_report(result)))
         _report_unknown_sensors(config, result)
         echo_unused(config)
-        _report_files(result.left_out, rrd, export)
+        _report_files(result.left_out, rrd, export, bag)
     return status
 
 
@@ -64,11 +65,11 @@ def compare_and_report(
     return status
 
 
-def _report_files(left_out: str, rrd: Path | None, export: Path | None) -> None:
+def _report_files(left_out: str, *paths: Path | None) -> None:
     """What was written, and what of it was left out."""
     if left_out:
         click.echo(left_out)
-    written = [printable(str(path)) for path in (rrd, export) if path is not None]
+    written = [printable(str(path)) for path in paths if path is not None]
     if written:
         click.echo("wrote " + " and ".join(written))
 

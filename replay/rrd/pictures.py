@@ -107,7 +107,7 @@ def beam_outline(beam: Beam) -> list[NDArray[np.float64]]:
     scan's goes through the ends of all its beams.
     """
     origin = np.array([beam.world_from_sensor.x_m, beam.world_from_sensor.y_m])
-    ranges = np.where(beam.saw_something, beam.ranges_m, beam.reach_m)
+    ranges = beam.far_m
     if len(beam.ranges_m) > 1:
         ends = origin + _polar(ranges, beam.headings_rad)
         return [np.vstack([origin, ends, origin])]

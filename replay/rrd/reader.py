@@ -20,7 +20,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from mapping.artifacts import Border, Segment, Snapshot
-from mapping.beams import Beam
+from mapping.beams import Beam, reach_of_axes
 from mapping.grid import GridGeometry, Window
 from recorder.errors import BadInput
 from recorder.foreign import reading
@@ -262,7 +262,7 @@ class RrdRecording:
 
     def _beam(self, batch: pa.RecordBatch, i: int) -> Beam:
         base, sensor = (numbers_of(batch, n, i) for n in ("world_from_base", "world_from_sensor"))
-        width, reach = numbers_of(batch, "width_rad_reach_m", i)
+        width, *reach_m = numbers_of(batch, "width_rad_reach_m", i)
         return Beam(
             number=int(batch.column(layout.READING)[i].as_py()),
             t_ns=int(batch.column(layout.TIME)[i].value),
@@ -273,7 +273,7 @@ class RrdRecording:
             bearings_rad=numbers_of(batch, "bearings_rad", i),
             ranges_m=numbers_of(batch, "ranges_m", i),
             beam_width_rad=float(width),
-            reach_m=float(reach),
+            reach_m=reach_of_axes(np.array(reach_m, np.float64)),
         )
 
     def _read_grid(self) -> tuple[GridGeometry, tuple[str, ...], Floats]:

@@ -111,7 +111,7 @@ def _record(canvas: Canvas, beam: Beam) -> None:
         "world_from_sensor": np.array([sensor.x_m, sensor.y_m, sensor.heading_rad]),
         "bearings_rad": np.asarray(beam.bearings_rad, np.float64),
         "ranges_m": np.asarray(beam.ranges_m, np.float64),
-        "width_rad_reach_m": np.array([beam.beam_width_rad, beam.reach_m]),
+        "width_rad_reach_m": np.append(beam.beam_width_rad, beam.reach_m),
     }
     record = BeamRecord(beam.sensor, beam.layer, numbers)
     size = sum(array.nbytes for array in numbers.values())

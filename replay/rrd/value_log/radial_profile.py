@@ -9,6 +9,7 @@ that the values of a map can be predicted to the last bit and need not be writte
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -103,7 +104,9 @@ def _polynomial(x: Floats, y: Floats) -> np.polynomial.Chebyshev | None:
     if len(x) < _LEAST_SAMPLES:
         return None
     every = -(-len(x) // _ENOUGH_SAMPLES)
-    fitted = np.polynomial.Chebyshev.fit(x[::every], y[::every], _DEGREE, domain=[x[0], x[-1]])
+    with warnings.catch_warnings():  # a poor fit only takes more room
+        warnings.simplefilter("ignore", np.exceptions.RankWarning)
+        fitted = np.polynomial.Chebyshev.fit(x[::every], y[::every], _DEGREE, domain=[x[0], x[-1]])
     error = np.abs(fitted(x) / y - 1.0)
     # A kink between two pieces spoils one of them, which is no reason to spoil the rest.
     return fitted if float(np.quantile(error, 0.9)) <= 50 * _PRECISION else None
