@@ -18,7 +18,8 @@ _ENOUGH = 20  # readings, before a channel is judged
 _SHARE = 0.02  # of readings that a few glitches may have
 _TROUBLE = (
     "bad_checksum", "malformed", "cut", "overlong", "noise", "unchecked", "gaps", "duplicates",
-    "reconnects", "device_restarts", "unknown_sensors", "tracker_bad_lines", "tracker_reconnects",
+    "reconnects", "device_restarts", "unknown_sensors", "wheel_leaps",
+    "tracker_bad_lines", "tracker_reconnects",
 )  # fmt: skip
 
 

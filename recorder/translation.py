@@ -54,6 +54,8 @@ class RecordingCounters:
     duplicates: int = 0  # with the sequence number of the line before
     reconnects: int = 0
     device_restarts: int = 0
+    wheel_leaps: int = 0  # wheel counts that no wheel can make: nothing was moved
+    wheel_counter_range: int = 0  # after how many counts the wheels' counters begin again, if known
     unknown_sensors: int = 0  # names that had to be given the defaults
     poses: int = 0  # from the tracker
     tracker_bad_lines: int = 0
@@ -171,13 +173,22 @@ class Translator:
             case WheelReport():
                 if self._dead_reckoning is None:
                     return None
-                return Odometry(t_ns, self._dead_reckoning.update(report.left, report.right))
+                return Odometry(t_ns, self._moved(self._dead_reckoning, report, t_ns))
             case HelloReport():
                 self.hello = report
                 return None
             case LogReport():
                 _log.info("device: %s", report.text)
                 return None
+
+    def _moved(self, reckoning: DeadReckoning, report: WheelReport, t_ns: int) -> SE2:
+        """Where the wheels have brought it; what no wheel can do is counted."""
+        odom_from_base = reckoning.update(report.left, report.right, t_ns)
+        if reckoning.leaps:
+            self.tally["wheel_leaps"] = reckoning.leaps
+        if reckoning.counter_range is not None:
+            self.tally["wheel_counter_range"] = reckoning.counter_range
+        return odom_from_base
 
     def _range(self, report: RangeReport, t_ns: int) -> Range:
         sensor = self._sensors.get(report.sensor)

@@ -100,3 +100,66 @@ def test_wheels_need_sizes(bad):
         WheelGeometry(bad, 0.1)
     with pytest.raises(ValueError, match="must be above zero"):
         WheelGeometry(1000.0, bad)
+
+
+PER_TURN = 2.0 * math.pi * 0.08  # metres, of the wheels below: 90 counts a turn
+SLOW = WheelGeometry(90 / PER_TURN, 0.4)
+RANGES = (256, 360, 1000, 1024, 4096, 9000, 10_000, 32_767, 32_768, 65_536, 100_000, 1 << 32)
+
+
+def driven(geometry: WheelGeometry, shown: list[int], step_s: float = 0.1) -> DeadReckoning:
+    reckoning = DeadReckoning(geometry)
+    for i, count in enumerate(shown):
+        reckoning.update(count, count, round(i * step_s * 1e9))
+    return reckoning
+
+
+@pytest.mark.parametrize("signed", [False, True], ids=["unsigned", "signed"])
+@pytest.mark.parametrize("direction", [1, -1])
+@pytest.mark.parametrize("counter_range", RANGES)
+@given(st.lists(st.integers(9, 12), min_size=40, max_size=40), st.integers(5, 30))
+@settings(deadline=None, max_examples=10)
+def test_where_the_counters_begin_again_is_found_out(
+    counter_range: int, direction: int, signed: bool, steps: list[int], wraps_at: int
+) -> None:
+    """12 ranges, forwards and back, signed or not; each with 10 drives."""
+    low = -(counter_range // 2) if signed else 0
+    begin = -sum(steps[:wraps_at]) * direction + low
+    counts = [begin + direction * count for count in itertools.accumulate([0, *steps])]
+    shown = [(count - low) % counter_range + low for count in counts]
+    reckoning = driven(SLOW, shown)
+    true_m = (counts[-1] - counts[0]) / 90 * PER_TURN
+    error_m = abs(reckoning.update(shown[-1], shown[-1], 4_000_000_000).x_m - true_m)
+    assert error_m <= 3.001 / 90 * PER_TURN  # a step's spread: the range may be off by that
+    assert reckoning.leaps == 0
+
+
+@given(
+    st.sampled_from(RANGES),
+    st.lists(st.integers(-100, 100), min_size=1, max_size=60),
+    st.integers(0, 1 << 32),
+)
+@settings(deadline=None)
+def test_a_range_that_is_given_is_exact(counter_range: int, steps: list[int], first: int) -> None:
+    geometry = WheelGeometry(1000.0, 0.4, counter_range)
+    counts = list(itertools.accumulate(steps, initial=first))
+    here = driven(geometry, [count % counter_range for count in counts])
+    assert_close(here.update(counts[-1], counts[-1]), SE2(sum(steps) / 1000.0, 0.0, 0.0))
+
+
+@given(st.integers(2_000, 30_000), st.sampled_from([1, -1]), st.integers(0, 30))
+@settings(deadline=None)
+def test_what_no_wheel_can_do_moves_nothing_and_is_counted(
+    leap: int, direction: int, at: int
+) -> None:
+    counts = [100_000 + 7 * i + (direction * leap if i > at else 0) for i in range(40)]
+    reckoning = driven(SLOW, counts)
+    assert reckoning.leaps == 1
+    here = reckoning.update(counts[-1], counts[-1], 4_000_000_000)
+    assert_close(here, SE2(38 * 7 / 90 * PER_TURN, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("bad", [0, 1, -5, (1 << 32) + 1])
+def test_a_range_of_a_counter_has_bounds(bad: int) -> None:
+    with pytest.raises(ValueError, match="counter_range"):
+        WheelGeometry(1000.0, 0.1, bad)

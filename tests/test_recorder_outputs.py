@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import resource
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 
 import pytest
@@ -10,6 +14,7 @@ import pytest
 from recorder.errors import BadInput, OutputExists
 from recorder.names import did_you_mean, nearest
 from recorder.outputs import check_output, check_room, written_beside
+from recorder.session import Limits, PartedWriter, SessionWriter
 
 
 def test_a_file_takes_its_name_when_it_is_complete(tmp_path: Path) -> None:
@@ -78,3 +83,118 @@ def test_a_file_that_may_not_become_so_large_is_refused_before_it_is_written(
 def test_a_disk_without_room_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="no space left on the disk of"):
         check_room(tmp_path / "run.rrd", 2**62)
+
+
+Writer = Callable[[Path], AbstractContextManager[object]]
+
+
+@contextmanager
+def exporting(target: Path) -> Iterator[object]:
+    """As `--export` and `diff -o` write."""
+    with written_beside(target) as part:
+        part.write_bytes(b"whole")
+        yield part
+
+
+@contextmanager
+def recording(target: Path) -> Iterator[object]:
+    """As `record` writes: under its own name from the first byte."""
+    with PartedWriter(target, Limits(min_free_mb=0.0), force=True) as session:
+        yield session
+
+
+@contextmanager
+def simulating(target: Path) -> Iterator[object]:
+    """As `simulate` and `import` write."""
+    with SessionWriter(target, force=True) as session:
+        yield session
+
+
+WRITERS: tuple[Writer, ...] = (exporting, recording, simulating)
+NAMES = ("run.mcap", "é" * 120, "n" * 255, ".hidden", "with space.mcap")
+
+
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("second", WRITERS)
+@pytest.mark.parametrize("first", WRITERS)
+def test_of_two_writers_the_second_is_refused_and_the_first_is_whole(
+    tmp_path: Path, first: Writer, second: Writer, name: str
+) -> None:
+    target = tmp_path / name
+    with (
+        first(target),
+        pytest.raises(BadInput, match="another run is writing it"),
+        second(target),
+    ):
+        pass
+    assert target.stat().st_size > 0
+    assert list(tmp_path.iterdir()) == [target]
+    with second(target):  # the lock has ended with the first
+        pass
+    assert list(tmp_path.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_other_peoples_files_and_links_of_likely_names_stay_as_they_are(
+    tmp_path: Path, writer: Writer
+) -> None:
+    precious = tmp_path / "precious"
+    precious.write_text("mine")
+    (tmp_path / "run.mcap.part").symlink_to(precious)
+    (tmp_path / "run.mcap.0123456789.part").write_text("what a killed run left")
+    (tmp_path / ".run.mcap.part").write_text("mine")
+    before = {each: each.read_text() for each in tmp_path.iterdir()}
+    with writer(tmp_path / "run.mcap"):
+        private = set(tmp_path.iterdir()) - set(before) - {tmp_path / "run.mcap"}
+        assert all(part.stat().st_mode & 0o077 == 0 for part in private)
+    assert {each: each.read_text() for each in before} == before
+    assert set(tmp_path.iterdir()) == {*before, tmp_path / "run.mcap"}
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o077, 0o002])
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_finished_file_has_the_permissions_of_any_new_file(
+    tmp_path: Path, writer: Writer, umask: int
+) -> None:
+    before = os.umask(umask)
+    try:
+        with writer(tmp_path / "run.mcap"):
+            pass
+    finally:
+        os.umask(before)
+    assert (tmp_path / "run.mcap").stat().st_mode & 0o777 == 0o666 & ~umask
+
+
+@pytest.mark.parametrize("writer", WRITERS)
+def test_a_pipe_or_a_device_is_never_replaced(tmp_path: Path, writer: Writer) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "null").symlink_to("/dev/null")
+    for name in ("pipe", "null"):
+        with pytest.raises(BadInput, match="no regular file"), writer(tmp_path / name):
+            pass
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "null").is_char_device()
+
+
+def test_of_many_that_begin_at_once_one_writes(tmp_path: Path) -> None:
+    target = tmp_path / "run.mcap"
+    ready, outcomes = threading.Barrier(8), list[str]()
+
+    def run() -> None:
+        ready.wait()
+        try:
+            with written_beside(target) as part:
+                part.write_text("whole")
+                outcomes.append("wrote")
+                ready.wait()
+        except BadInput:
+            outcomes.append("refused")
+            ready.wait()
+
+    threads = [threading.Thread(target=run) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert sorted(outcomes) == ["refused"] * 7 + ["wrote"]
+    assert list(tmp_path.iterdir()) == [target]

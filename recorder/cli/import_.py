@@ -40,8 +40,9 @@ from recorder.cli import options
 @click.option("--pose", metavar="X,Y,DEG", help="csv: where a robot that stands still is.")
 @click.option(
     "--wheels",
-    metavar="RADIUS_M,TRACK_M,COUNTS",
-    help="csv: make odometry of wheel counts: radius, distance of the wheels, counts a turn.",
+    metavar="RADIUS_M,TRACK_M,COUNTS[,RANGE]",
+    help="csv: make odometry of wheel counts: radius, distance of the wheels, counts a turn, "
+    "and after how many counts the counters begin again (found out when left out).",
 )
 @click.option(
     "--mount",

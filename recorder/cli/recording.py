@@ -42,8 +42,9 @@ _OPTIONS = (
     ),
     click.option(
         "--wheels",
-        metavar="RADIUS_M,TRACK_M,COUNTS",
-        help="Make odometry of wheel counts: radius, distance of the wheels, counts a turn.",
+        metavar="RADIUS_M,TRACK_M,COUNTS[,RANGE]",
+        help="Make odometry of wheel counts: radius, distance of the wheels, counts a turn, "
+        "and after how many counts the counters begin again (found out when left out).",
     ),
     click.option(
         "--mount",

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from recorder.clock import NS_PER_MS, NS_PER_S
 from recorder.errors import BadInput
@@ -151,6 +151,20 @@ def mounts_of(records: Iterable[Record]) -> tuple[Transform, ...]:
 
 
 def wheels_of(metadata: Mapping[str, object]) -> WheelGeometry | None:
-    """The wheel geometry that the session was recorded with, where its metadata name one."""
+    """The wheel geometry that the session was recorded with, where its metadata name one.
+
+    Raises BadInput where what they name is none.
+    """
     wheels = metadata.get("wheels")
-    return WheelGeometry(**wheels) if isinstance(wheels, Mapping) else None
+    if not isinstance(wheels, Mapping):
+        return None
+    numbers = {f.name: wheels[f.name] for f in fields(WheelGeometry) if f.name in wheels}
+    known = {
+        name: number
+        for name, number in numbers.items()
+        if isinstance(number, int | float) and not isinstance(number, bool)
+    }
+    try:
+        return WheelGeometry(**known)  # type: ignore[arg-type]
+    except (TypeError, ValueError, ArithmeticError):
+        raise BadInput("the session's metadata describe wheels that cannot be") from None

@@ -19,7 +19,10 @@ from recorder.protocols.interface import LineProtocol, Protocol
 from recorder.protocols.rbc import RbcProtocol
 from recorder.protocols.reports import Packet
 
-__all__ = ["PROTOCOLS", "LineProtocol", "Packet", "Protocol", "load_protocol", "make_protocol"]
+__all__ = [
+    "PROTOCOLS", "EchogridProtocol", "LineProtocol", "Packet", "Protocol", "load_protocol",
+    "make_protocol",
+]  # fmt: skip
 
 PROTOCOLS: Mapping[str, type[Protocol]] = {
     EchogridProtocol.name: EchogridProtocol,

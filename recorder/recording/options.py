@@ -40,13 +40,27 @@ class RecordingOptions:
 
 
 def parse_wheels(text: str) -> WheelGeometry:
-    """``RADIUS_M,TRACK_M,COUNTS_PER_TURN`` → geometry. Raises BadInput in one line."""
-    radius_m, track_m, counts_per_turn = _numbers(
-        text, f"--wheels {text}", "--wheels RADIUS_M,TRACK_M,COUNTS"
-    )
+    """``RADIUS_M,TRACK_M,COUNTS_PER_TURN[,RANGE]`` → geometry. Raises BadInput in one line.
+
+    RANGE: after how many counts the counters begin again; found out when left out.
+    """
+    given, wanted = f"--wheels {text}", "--wheels RADIUS_M,TRACK_M,COUNTS[,RANGE]"
+    first, _, last = text.rpartition(",")
+    counter_range = None
+    if text.count(",") == 3:
+        text = first
+        try:
+            counter_range = int(last)
+        except ValueError:
+            raise BadInput(f"{given}: RANGE {last!r} is no whole number of counts") from None
+    radius_m, track_m, counts_per_turn = _numbers(text, given, wanted)
     if min(radius_m, track_m, counts_per_turn) <= 0.0:
-        raise BadInput(f"--wheels {text}: all three must be above zero")
-    return WheelGeometry(counts_per_turn / (2.0 * math.pi * radius_m), track_m)
+        raise BadInput(f"{given}: all numbers must be above zero")
+    try:
+        ticks_per_m = counts_per_turn / (2.0 * math.pi * radius_m)
+        return WheelGeometry(ticks_per_m, track_m, counter_range)
+    except (ValueError, ArithmeticError) as error:
+        raise BadInput(f"{given}: {error}") from None
 
 
 def parse_pose(text: str) -> SE2:

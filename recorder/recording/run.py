@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -24,7 +24,7 @@ from recorder.playback import (
     playback_of,
     wheels_of,
 )
-from recorder.protocols import Protocol, make_protocol
+from recorder.protocols import PROTOCOLS, EchogridProtocol, Protocol, make_protocol
 from recorder.recording.loop import SessionSink, record
 from recorder.recording.options import RecordingOptions
 from recorder.recording.status import RecordingStatus
@@ -136,17 +136,34 @@ def _check_not_given(source: str, options: RecordingOptions) -> None:
 def _as_recorded(source: str, options: RecordingOptions) -> RecordingOptions:
     """The options under which the replayed session was recorded."""
     _check_not_given(source, options)
-    session = read_session(_replayed_file(source))
+    file = _replayed_file(source)
+    session = read_session(file)
     columns = session.metadata.get("columns")
     raw = any(isinstance(record.message, RawLine) for record in session.records)
     return replace(
         options,
-        protocol=str(session.metadata.get("protocol", options.protocol)) if raw else "echogrid",
+        protocol=_protocol_of(file, session.metadata, options) if raw else EchogridProtocol.name,
         columns=str(columns) if raw and columns else options.columns,
         wheels=wheels_of(session.metadata), mounts=mounts_of(session.records),
         walls=session.attachments.get(WALLS),
-        source_damage=tuple(f"{_replayed_file(source)}: {reason}" for reason in session.damage),
+        source_damage=tuple(f"{file}: {reason}" for reason in session.damage),
     )  # fmt: skip
+
+
+def _protocol_of(file: Path, metadata: Mapping[str, object], options: RecordingOptions) -> str:
+    """The protocol that a session names, if it is built in; a Python file only from the user.
+
+    What stands in a file of data never says what is run.
+    """
+    if options.protocol.endswith(".py"):
+        return options.protocol
+    name = metadata.get("protocol", options.protocol)
+    if isinstance(name, str) and name in PROTOCOLS:
+        return name
+    raise BadInput(
+        f"{file}: recorded with the protocol {str(name)[:64]!a}, which is not built in: "
+        "give its file with --protocol FILE.py"
+    )
 
 
 def _metadata(source: str, options: RecordingOptions, protocol: Protocol) -> dict[str, object]:
@@ -173,6 +190,11 @@ def _metadata(source: str, options: RecordingOptions, protocol: Protocol) -> dic
         "unchecked": None if protocol.checked else unchecked,
         "columns": options.columns,
         "tracker_px_per_m": options.px_per_m,
-        "wheels": None if options.wheels is None else asdict(options.wheels),
+        "wheels": None if options.wheels is None else _known(asdict(options.wheels)),
     }
-    return described | {name: value for name, value in optional.items() if value is not None}
+    return described | _known(optional)
+
+
+def _known(values: Mapping[str, object]) -> dict[str, object]:
+    """What there is to know of them."""
+    return {name: value for name, value in values.items() if value is not None}

@@ -20,7 +20,7 @@ from mcap.writer import CompressionType, Writer
 
 from recorder.errors import BadInput, OutputExists
 from recorder.messages import Message, topic_of
-from recorder.outputs import check_room
+from recorder.outputs import Beside, check_room, open_live
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode, type_name
 from recorder.session.format import LIBRARY, METADATA, checked_json
@@ -60,18 +60,26 @@ class SessionWriter:
         if not path.parent.is_dir():
             raise BadInput(f"{path}: there is no folder {path.parent}")
         self._path = path
-        self._part = path if live else path.with_name(path.name + ".part")
         described = checked_json(metadata or {})
-        check_room(self._part, _BEGIN_BYTES + sum(map(len, described.values())))
+        check_room(path, _BEGIN_BYTES + sum(map(len, described.values())))
+        self._beside: Beside | None = None
         try:
-            self._file: BinaryIO = self._part.open("wb")
             self._indexes = ChunkIndexes(path.parent)
+            if live:
+                self._file: BinaryIO = os.fdopen(open_live(path, force=force), "wb")
+            else:
+                self._beside = Beside(path)
+                self._file = self._beside.part.open("wb")
             self._writer = new_writer(self._file, self._indexes, compress=compress)
             self._writer.start(profile="ros2", library=LIBRARY)
             self._writer.add_metadata(METADATA, described)
             self._file.flush()  # killed from here on, its metadata can be read
             _sync_folder(path.parent)
         except OSError as error:
+            if self._beside is not None:
+                self._beside.discard()
+            if isinstance(error, OutputExists):
+                raise
             raise BadInput(f"{path}: {error.strerror or error}") from None
         self._channels: dict[str, int] = {}
         self._schemas: dict[str, int] = {}
@@ -156,8 +164,8 @@ class SessionWriter:
                 raise
         finally:
             self._let_go()
-        if self._part != self._path:
-            self._part.replace(self._path)
+        if self._beside is not None:
+            self._beside.finish()
             _sync_folder(self._path.parent)
 
     def _finish(self) -> None:
@@ -170,7 +178,8 @@ class SessionWriter:
         """Leave nothing behind: what was written beside is not the whole of it."""
         self._end_threads()
         self._let_go()
-        self._part.unlink(missing_ok=True)
+        if self._beside is not None:
+            self._beside.discard()
 
     def _end_threads(self) -> None:
         self._stop.set()
@@ -190,7 +199,7 @@ class SessionWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, _: object
     ) -> None:
-        if self._part == self._path:
+        if self._beside is None:
             self.close()
             return
         try:
@@ -198,11 +207,10 @@ class SessionWriter:
                 self.close()
             elif isinstance(error, OSError) and error is self._failure:
                 raise error
-            else:
-                self._discard()
         except OSError as failure:
-            self._discard()
             raise BadInput(f"{self._path}: {failure.strerror or failure}") from None
+        finally:
+            self._discard()
 
     @contextlib.contextmanager
     def _noting_failure(self) -> typing.Iterator[None]:

@@ -19,7 +19,7 @@ from mapping.artifacts import Artifact
 from mapping.config import MappingConfig
 from mapping.probing import CellProbe
 from recorder.errors import BadInput
-from recorder.outputs import check_room
+from recorder.outputs import Beside, check_room
 from replay.rrd import columns, layout
 from replay.rrd.canvas import Canvas
 from replay.rrd.run_drawer import configured_drawer
@@ -85,7 +85,7 @@ class RrdWriter(Generic[Item]):
         flush_readings: int = 1600,
     ) -> None:
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + ".part")
+        self._beside: Beside | None = None
         self.thinning = Thinning(budget_mb * 1e6, every)
         self._drawer, self._name = drawer, name
         self._flush_readings, self._unflushed = flush_readings, 0
@@ -108,7 +108,14 @@ class RrdWriter(Generic[Item]):
         elif self._recording is not None:
             self._recording.disconnect()
             self._recording = None
-            self.part.unlink(missing_ok=True)
+        if self._beside is not None:
+            self._beside.discard()
+
+    @property
+    def part(self) -> Path:
+        """Where it is written until it is complete; once it has begun."""
+        assert self._beside is not None
+        return self._beside.part
 
     def __call__(self, item: Item) -> None:
         """Show one artifact as the next step."""
@@ -137,7 +144,7 @@ class RrdWriter(Generic[Item]):
 
     def close(self) -> None:
         """Write what waits, end the file properly and give it its name."""
-        if self._recording is None:
+        if self._recording is None or self._beside is None:
             return
         self._flush()
         self._recording.disconnect()
@@ -145,13 +152,14 @@ class RrdWriter(Generic[Item]):
         size = self.part.stat().st_size
         if size > self.thinning.budget_bytes:
             self._over = f" Even so it takes {size / 1e6:.1f} MB."
-        os.replace(self.part, self.path)
+        self._beside.finish()
 
     def _open(self, blueprint: rrb.Blueprint) -> rr.RecordingStream:
         recording = new_recording()
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
-            check_room(self.part, _DISK_MARGIN_BYTES)
+            check_room(self.path, _DISK_MARGIN_BYTES)
+            self._beside = Beside(self.path)
             recording.save(self.part, default_blueprint=blueprint)
         except (OSError, RuntimeError) as error:
             raise BadInput(f"{self.path}: cannot be written: {error}") from None
