@@ -56,7 +56,6 @@ def region_borders(
     """
     per_cell = 1.0 / place.size_m
     offset = (beam.x - place.origin_x_m) * per_cell - 0.5
-    base_y = place.origin_y_m - beam.y
     # A border on the other side of the sensor does not cross the row: all of the row's cells lie
     # on that side of it on which the beam goes over to the other half.
     missed_above = float(_BEYOND if beam.sin_right <= 0.0 else -_BEYOND)
@@ -69,7 +68,7 @@ def region_borders(
         is_up, is_down = sin_border > 0.0, sin_border < 0.0
         limit = np.float64(_BEYOND)
         for r in range(rows):
-            dy = (np.float64(row0 + r * step) + 0.5) * place.size_m + base_y
+            dy = (np.float64(row0 + r * step) + 0.5) * place.size_m + place.origin_y_m - beam.y
             at = min(max(dy * slope + offset, -limit), limit)
             above = np.floor(at) + 1.0 if is_up else missed_above
             below = np.ceil(at) if is_down else missed_below
