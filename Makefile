@@ -4,10 +4,10 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check unit lint format screenshot clean
+.PHONY: help demo test check unit firmware-test lint format screenshot clean
 
 help: ## Say what there is to make
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 24
 
 demo: $(VENV)/.installed ## Install what is missing, then simulate, record, map and look
 	$(BIN)/echogrid demo
@@ -21,6 +21,9 @@ check: $(VENV)/.installed-dev
 unit: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest -n 2
 
+firmware-test: $(VENV)/.installed-dev ## Run the firmware on a simulated chip, record and map its drive
+	$(BIN)/python -m pytest -n0 -rs tests/test_firmware.py tests/test_firmware_lines.py
+
 lint: check ## Check style, layout and types
 	$(BIN)/ruff format --check .
 
@@ -33,9 +36,10 @@ screenshot: $(VENV)/.installed-dev ## Make all pictures of the README and the do
 	$(BIN)/python docs/make_rule_pictures.py
 	$(BIN)/python docs/make_diff_picture.py
 	$(BIN)/python -m docs.make_line_pictures
+	$(BIN)/python docs/make_firmware_pictures.py
 
 clean: ## Remove the environment and all caches
-	rm -rf "$(VENV)" build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf "$(VENV)" build firmware/build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	find recorder mapping replay tests benchmarks docs -name __pycache__ -prune -exec rm -rf {} +
 
 $(BIN)/python:

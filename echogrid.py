@@ -43,8 +43,8 @@ def show(
     width: int | str = "auto",
     height: int | str = 720,
 ) -> Any:
-    """A recording, or what a run came to, as a widget for a notebook: see ``replay.notebook``."""
-    from replay.notebook import show as show_in_notebook
+    """A recording, or what a run came to, as a notebook widget: see ``replay.rrd.notebook``."""
+    from replay.rrd.notebook import show as show_in_notebook
 
     return show_in_notebook(run, width=width, height=height)
 
@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         sys.stderr.close()
         return 1
     except OSError as error:
-        if error.errno not in NO_ROOM:  # all else is told by who knows more, or is a bug
+        if error.errno not in NO_ROOM:  # all else is reported by who knows more, or is a bug
             raise
         click.echo(f"echogrid: {error.strerror}", err=True)
         return 2

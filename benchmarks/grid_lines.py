@@ -22,7 +22,13 @@ from numpy.typing import NDArray
 from mapping.artifacts import Segment
 from mapping.beams import Beam
 from mapping.borders import find_borders, threshold_layer
-from mapping.config import BordersSection, Heard, MappingConfig, SegmentsSection, settle_sensor
+from mapping.config import (
+    BordersSection,
+    MappingConfig,
+    ReportedSensor,
+    SegmentsSection,
+    resolve_sensor,
+)
 from mapping.fusion import fuse
 from mapping.grid import Layer, geometry_for
 from mapping.segments import (
@@ -54,14 +60,14 @@ class Mapped:
     layers: dict[str, Layer]
     positions_m: Floats
     points_m: dict[str, Floats]
-    eyes_m: dict[str, Floats]
+    sensor_positions_m: dict[str, Floats]
 
 
 def mapped(room: Room, *, seed: int, duration_s: float, resolution_m: float) -> Mapped:
     """Drive through a room and map what was heard, with the default configuration."""
     config = MappingConfig()
     sensors = {
-        name: settle_sensor(Heard(name, radiation), config, mounted=False)
+        name: resolve_sensor(ReportedSensor(name, radiation), config, mounted=False)
         for name, radiation in SENSORS.items()
     }
     corners = room.walls_m.reshape(-1, 2)
@@ -74,7 +80,7 @@ def mapped(room: Room, *, seed: int, duration_s: float, resolution_m: float) -> 
     )
     states = {name: start(sensor.update, geometry) for name, sensor in sensors.items()}
     points: dict[str, list[Floats]] = defaultdict(list)
-    eyes: dict[str, list[tuple[float, float]]] = defaultdict(list)
+    sensor_positions_m: dict[str, list[tuple[float, float]]] = defaultdict(list)
     messages = [message for _, message in simulate(room, duration_s=duration_s, seed=seed)]
     poses = [message for message in messages if isinstance(message, Pose)]
     times = np.array([pose.t_ns for pose in poses])
@@ -93,11 +99,13 @@ def mapped(room: Room, *, seed: int, duration_s: float, resolution_m: float) -> 
         states[sensor.name].merge(make_temp_grid(beam, sensor, geometry))
         points[sensor.name] += list(beam.points_m)
         eye = (beam.world_from_sensor.x_m, beam.world_from_sensor.y_m)
-        eyes[sensor.name] += [eye] * len(beam.points_m)
+        sensor_positions_m[sensor.name] += [eye] * len(beam.points_m)
     layers = {name: state.layer(name) for name, state in states.items()}
     layers["fused"] = fuse(list(layers.values()), list(sensors.values()), config.fusion)
     where = np.array([(p.world_from_base.x_m, p.world_from_base.y_m) for p in poses])
-    at = [{name: np.array(p) for name, p in places.items()} for places in (points, eyes)]
+    at = [
+        {name: np.array(p) for name, p in places.items()} for places in (points, sensor_positions_m)
+    ]
     return Mapped(room, layers, where, *at)
 
 
@@ -191,7 +199,11 @@ def _print_raw(runs: list[Mapped]) -> None:
                 points = run.points_m[sensor]
                 config = SegmentsSection(method=method)
                 found = segments_of_ranger(
-                    points, run.eyes_m[sensor], config, layer=sensor, narrow=sensor == "dirrs"
+                    points,
+                    run.sensor_positions_m[sensor],
+                    config,
+                    layer=sensor,
+                    narrow=sensor == "dirrs",
                 )
                 lines = np.array([(s.start_m, s.end_m) for s in found]).reshape(-1, 2, 2)
                 near.append(float((distances(points, None, lines) <= TOLERANCE_M).mean()))

@@ -84,18 +84,18 @@ def quality(scans: list[MadeUpScan], method: str, sigma_m: float) -> tuple[Score
 
 
 def calibration(
-    rng: np.random.Generator, count: int, sigma_m: float, *, told: bool
+    rng: np.random.Generator, count: int, sigma_m: float, *, given: bool
 ) -> tuple[float, float, int]:
     """Mean squares of the normalised errors of rho and alpha on single walls, and how many.
 
-    ``told``: the noise is given; else it is estimated from the residuals of each line.
+    ``given``: the noise is given; else it is estimated from the residuals of each line.
     """
     config = scan_config("split-and-merge", sigma_m)
     errors = []
     for _ in range(count):
         ranges, bearings, rho, alpha = single_wall_scan(rng, sigma_m=sigma_m)
         found = segments_from_scan(
-            beam_of(ranges, bearings), config, sigma_m=sigma_m if told else None
+            beam_of(ranges, bearings), config, sigma_m=sigma_m if given else None
         )
         if len(found) != 1:
             continue
@@ -206,9 +206,9 @@ def main() -> None:
     print_times(scans, sigma_m)
     rng = np.random.default_rng(options.seed)
     print("\ncovariances on single walls: mean square of the normalised errors (1 is right)")
-    for told in (True, False):
-        rho, alpha, count = calibration(rng, 2 * options.scans, sigma_m, told=told)
-        how = "noise given" if told else "noise from the residuals"
+    for given in (True, False):
+        rho, alpha, count = calibration(rng, 2 * options.scans, sigma_m, given=given)
+        how = "noise given" if given else "noise from the residuals"
         print(f"{how:<26} rho {rho:.3f}   alpha {alpha:.3f}   ({count} walls)")
 
 

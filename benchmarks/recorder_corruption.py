@@ -213,14 +213,14 @@ def try_batch(kind: str, seed: tuple[int, int]) -> Tally:
             continue
         number = packet.device_ms
         assert number is not None
-        if number < len(sent) and _says(sent[number]) == (packet.report, packet.seq, number):
+        if number < len(sent) and _content(sent[number]) == (packet.report, packet.seq, number):
             right += bool(touched[number])
         else:
             wrong += 1
     return Tally(int(touched.sum()), right, wrong)
 
 
-def _says(line: bytes) -> tuple[object, int | None, int | None]:
+def _content(line: bytes) -> tuple[object, int | None, int | None]:
     (packet,) = EchogridProtocol().feed(line)
     return packet.report, packet.seq, packet.device_ms
 

@@ -33,7 +33,7 @@ from recorder.messages import Range  # noqa: E402
 from recorder.protocols.echogrid import encode  # noqa: E402
 from recorder.protocols.reports import PoseReport, RangeReport  # noqa: E402
 from recorder.session import read_session  # noqa: E402
-from recorder.session_recover import recover  # noqa: E402
+from recorder.session.recover import recover  # noqa: E402
 
 LINES_PER_S = 200
 MOUNT = "ping=0.044,0,0"
@@ -52,7 +52,7 @@ class Outcome:
 
 
 def line(number: int) -> bytes:
-    """Line ``number``: poses and readings take turns; a reading tells its number."""
+    """Line ``number``: poses and readings take turns; a reading carries its number."""
     ms = number * 1000 // LINES_PER_S
     if number % 2:
         return encode(RangeReport("ping", (number % 3000 + 300) / 1000.0), number % 2**16, ms)
@@ -106,7 +106,7 @@ def judged(folder: Path, session: Path, sent_s: list[float], killed_s: float) ->
     if lines != [line(number) for number in range(len(lines))]:
         raise AssertionError("the file holds other lines than were sent")
     if not found.damage:
-        raise AssertionError("the file does not say that it was not finished")
+        raise AssertionError("the file does not report that it was not finished")
     lost_s = killed_s - sent_s[len(lines)] if len(lines) < len(sent_s) else 0.0
     good = folder / "good.mcap"
     recovery = recover(session, good)

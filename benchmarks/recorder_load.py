@@ -7,9 +7,9 @@ nobody reads in time. In the end the file is read back and compared with what wa
     python benchmarks/recorder_load.py --hour                720 000 lines, an hour of 200 a second
 
 The hour is sent ten times as fast, and there the sender waits for room: the buffer holds 0.7 s of a
-line at 200 a second, and the longest wait is told. It must be below that. So that a busy machine is
-not taken for a slow recorder, the longest time is told, too, by which the sender itself was late to
-wake from a sleep.
+line at 200 a second, and the longest wait is reported. It must be below that. So that a busy
+machine is not taken for a slow recorder, the longest time is reported, too, by which the sender
+itself was late to wake from a sleep.
 """
 
 from __future__ import annotations

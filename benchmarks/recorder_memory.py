@@ -1,4 +1,4 @@
-"""The memory of a long recording, by a clock that is told: hours pass as fast as they are written.
+"""The memory of a long recording, by a clock that is set: hours pass as fast as they are written.
 
 The whole recorder runs in this process, from bytes to file: noise each few seconds, the line
 unplugged and the robot restarted each hour, a tracker beside it, a chunk closed each 0.8 s.
@@ -47,7 +47,7 @@ SAMPLES = 10
 
 @dataclass
 class LongRun:
-    """A line for so long: what it brings, the clock that it moves, and what it said."""
+    """A line for so long: what it brings, the clock that it moves, and what it reported."""
 
     seconds: int
     rate: int
@@ -96,7 +96,7 @@ class LongRun:
 
 @dataclass(frozen=True)
 class Poses:
-    """A tracker that says a pose for each 20 lines of the robot."""
+    """A tracker that sends a pose for each 20 lines of the robot."""
 
     run: LongRun
 

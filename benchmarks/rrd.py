@@ -25,9 +25,11 @@ sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / 
 
 from made_run import MadeRun  # noqa: E402
 
+from mapping.artifacts import Artifact  # noqa: E402
 from mapping.grid import GridGeometry  # noqa: E402
 from replay.rrd.headless import HeadlessViewer  # noqa: E402
 from replay.rrd.reader import read_rrd  # noqa: E402
+from replay.rrd.run_drawer import RunDrawer  # noqa: E402
 from replay.rrd.writer import RrdWriter  # noqa: E402
 
 RUNS = ("1000:600x400:100", "10000:600x400:100", "10000:600x400:40", "2000:4000x4000:100")
@@ -63,10 +65,10 @@ def measure(run: str, viewer: bool) -> dict[str, str]:
     return row
 
 
-def write(run: MadeRun, path: Path, budget_mb: float) -> tuple[float, float, RrdWriter]:
+def write(run: MadeRun, path: Path, budget_mb: float) -> tuple[float, float, RrdWriter[Artifact]]:
     """Write the run; seconds in the writer alone, by the clock and of the processor."""
     wall = processor = 0.0
-    writer = RrdWriter(path, config_text="", name="benchmark", budget_mb=budget_mb)
+    writer = RrdWriter(path, RunDrawer(), name="benchmark", budget_mb=budget_mb)
     with writer:
         for artifact in run.artifacts():
             start = time.perf_counter(), time.process_time()

@@ -37,7 +37,7 @@ def main() -> None:
         ]
         report = compare(*paths, config, only=["dirrs"])
         save_picture(report, PICTURE)
-    print(f"{PICTURE.name}: {report.verdict.words}")
+    print(f"{PICTURE.name}: {report.verdict.text}")
 
 
 def _session(path: Path, room: Room, seed: int) -> Path:

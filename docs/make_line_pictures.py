@@ -71,9 +71,9 @@ def panel(run: Run, source: str, frame: Frame) -> Image.Image:
     found = run.lines(SENSOR, source)
     for line in found:
         _draw_line(draw, line, frame)
-    said = figures(run, SENSOR, source)
+    quality = figures(run, SENSOR, source)
     origin = "raw points" if source == "raw" else "grid"
-    caption = f"{run.name}, {origin}: {said.lines} lines, {said.metres:.1f} m"
+    caption = f"{run.name}, {origin}: {quality.lines} lines, {quality.metres:.1f} m"
     return _with_caption(picture, caption)
 
 

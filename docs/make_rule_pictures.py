@@ -22,7 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.display import grey
 from mapping.grid import GridGeometry, Layer
 from mapping.sensor_model import make_temp_grid
@@ -54,12 +54,13 @@ RED, BLUE = (200, 30, 30), (20, 80, 200)
 
 
 def ping() -> Sensor:
-    """The built-in sonar as the program takes it when nobody says anything else."""
-    return settle_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+    """The built-in sonar as the program takes it when nothing is configured."""
+    reported = ReportedSensor("ping", Radiation.ULTRASOUND)
+    return resolve_sensor(reported, MappingConfig(), mounted=False)
 
 
 def reading(range_m: float, grid: GridGeometry = GRID) -> TempGrid:
-    """What one reading says of each cell."""
+    """The evidence of one reading for each cell."""
     sensor = ping()
     beam = Beam(
         0, 0, "ping", "ping", SENSOR_AT, SENSOR_AT, np.zeros(1), np.array([range_m]),
@@ -98,8 +99,8 @@ def repeated_table() -> str:
             for layer in layers:
                 value, probability = at(layer, point)
                 same = UPDATE_RULES[rule].kind == "probability"
-                told = f"**{100 * probability:.1f} %**"
-                cells.append(told if same else f"{number(value)} → {told}")
+                text = f"**{100 * probability:.1f} %**"
+                cells.append(text if same else f"{number(value)} → {text}")
         lines.append(f"| `{rule}` | {UPDATE_RULES[rule].kind} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
@@ -108,8 +109,8 @@ def sequence_of(rule: str) -> list[float]:
     """Probability of the obstacle's cell after each reading of the sequence."""
     state = start(rule, WIDE_GRID)
     found = []
-    for word in SEQUENCE:
-        state.merge(reading(HIT_M if word == "hit" else MISS_M, WIDE_GRID))
+    for event in SEQUENCE:
+        state.merge(reading(HIT_M if event == "hit" else MISS_M, WIDE_GRID))
         found.append(at(state.layer("ping"), OBSTACLE_M)[1])
     return found
 
@@ -124,16 +125,16 @@ def sequence_table() -> str:
 
 
 def reading_table() -> str:
-    """Markdown: what the two readings say of the two cells."""
+    """Markdown: the evidence of the two readings for the two cells."""
     lines = ["| cell | reading of 1 m | reading of 1.5 m |", "|---|---:|---:|"]
     for name, point in (("obstacle", OBSTACLE_M), ("in front", EMPTY_M)):
         row, col = GRID.cells_of(np.array([point]))[0]
-        said = []
+        cells = []
         for range_m in (HIT_M, MISS_M):
             temp = reading(range_m)
             p = temp.probability[row - temp.window.row0, col - temp.window.col0]
-            said.append(f"{100 * float(p):.2f} %")
-        lines.append(f"| {name} | {' | '.join(said)} |")
+            cells.append(f"{100 * float(p):.2f} %")
+        lines.append(f"| {name} | {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
@@ -164,9 +165,9 @@ def map_picture(layer: Layer, scale: int) -> Image.Image:
 
 
 def temp_picture(temp: TempGrid, scale: int) -> Image.Image:
-    """Red where the reading speaks for an obstacle, blue against it, by strength."""
+    """Red where the reading is evidence for an obstacle, blue against it, by strength."""
     pixels = np.full((*GRID.shape, 3), 255, np.uint8)
-    classes = strength_classes(temp.probability - 0.5, temp.band | temp.front)
+    classes = strength_classes(temp.probability - 0.5, temp.band | temp.free)
     for code, _, (r, g, b, a) in strength_names()[1:]:
         blended = [round(255 - (255 - c) * a / 255) for c in (r, g, b)]
         pixels[temp.window.slices][classes == code] = blended
@@ -235,10 +236,10 @@ def draw_sequence() -> Image.Image:
     )  # fmt: skip
     pen = ImageDraw.Draw(canvas)
     pen.text((8, 8), "One cell, after each reading: per cent occupied", INK, letters(22))
-    for column, word in enumerate(SEQUENCE):
+    for column, event in enumerate(SEQUENCE):
         middle = left + side * (column + 0.5)
-        colour = RED if word == "hit" else BLUE
-        pen.text((middle, 58), word, colour, letters(20), anchor="mm")
+        colour = RED if event == "hit" else BLUE
+        pen.text((middle, 58), event, colour, letters(20), anchor="mm")
     for row, rule in enumerate(RULES):
         y = top + side * row
         pen.text((8, y + side / 2 - 14), rule, INK, letters(22))
@@ -269,7 +270,7 @@ def side_by_side() -> Image.Image:
     from replay.comparison import from_values
     from replay.comparison_run import compare_session
     from replay.rrd.headless import HeadlessViewer
-    from replay.rrd.rooted import read_maps
+    from replay.rrd.reader import read_maps
 
     with tempfile.TemporaryDirectory() as folder:
         rrd = Path(folder, "rules.rrd")

@@ -66,12 +66,12 @@ def middle_sonar(artifacts: Artifacts) -> int:
 
 
 def a_beam(artifacts: Artifacts) -> int:
-    """The step before: the same reading's beam, and what the map foretells of it."""
+    """The step before: the same reading's beam, and what the map predicts of it."""
     return middle_sonar(artifacts) - 1
 
 
 def largest_change(artifacts: Artifacts) -> int:
-    """The reading that made most cells of a half-built map both clearly fuller and emptier."""
+    """The reading that made most cells of a half-built map clearly more occupied or more free."""
 
     def both_ways(step: int) -> int:
         merged = artifacts[step]
@@ -84,15 +84,15 @@ def largest_change(artifacts: Artifacts) -> int:
 
 
 def clearest_change(artifacts: Artifacts) -> int:
-    """The sonar reading that made most cells look clearly different, and some of them fuller."""
+    """The sonar reading that changed most cells clearly, and made some more occupied."""
 
     def seen(step: int) -> int:
         merged = artifacts[step]
         if not isinstance(merged, MergedGrid) or merged.layer != "ping":
             return -1
         difference = merged.probability - merged.previous
-        fuller = int((difference > 0.04).sum())
-        return int((np.abs(difference) > 0.12).sum()) if fuller > 100 else 0
+        occupied = int((difference > 0.04).sum())
+        return int((np.abs(difference) > 0.12).sum()) if occupied > 100 else 0
 
     return max(range(len(artifacts)), key=seen)
 
@@ -144,7 +144,7 @@ def main() -> None:
 
 def _map(session: Path, rrd: Path, *, watched: bool) -> None:
     probe = ["--probe", f"{WATCHED[0]},{WATCHED[1]}"] if watched else []
-    settings = [word for setting in SETTINGS for word in ("--set", setting)]
+    settings = [part for setting in SETTINGS for part in ("--set", setting)]
     _echogrid("map", str(session), "-o", str(rrd), *settings, *probe)
 
 
@@ -167,7 +167,7 @@ def _take_strip(rrd: Path, artifacts: Artifacts) -> None:
     """The three steps of one reading side by side: the map of its sensor in each."""
     merged = clearest_change(artifacts)
     beam = artifacts[merged - 2]
-    assert isinstance(beam, Beam), "a reading is a beam, what it says, and what it changed"
+    assert isinstance(beam, Beam), "a reading is a beam, its evidence, and what it changed"
     captions = (
         f"1  the sonar measures {beam.ranges_m[0]:.2f} m",
         "2  maybe there (red), not here (blue)",

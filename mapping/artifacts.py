@@ -18,15 +18,15 @@ from mapping.grid import GridGeometry, Layer, Window
 
 @dataclass(frozen=True, slots=True)
 class TempGrid:
-    """What one reading says of each cell, before it is merged into the map.
+    """The evidence of one reading for each cell, before it is merged into the map.
 
     All arrays cover ``window``. ``probability`` (float64) is that of being occupied given this
-    reading: above 0.5 in the band, below in front of it, 0.5 where nothing is said. ``band`` are
-    the cells where the obstacle may be, ``front`` those that the beam passed through.
+    reading: above 0.5 in the band, below in front of it, 0.5 without evidence. ``band`` are the
+    cells where the obstacle may be, ``free`` those that the beam passed through.
 
-    ``passes`` is empty, but for a reading whose samples go straight into the map (``arcs`` without
-    a second grid): then its temp grids, merged one after the other, hold every sample once, and
-    the arrays here hold the last sample of each cell.
+    ``sub_grids`` is empty, but for a reading whose samples go straight into the map (``arcs``
+    without a second grid): then these, merged one after the other, hold every sample once, and the
+    arrays here hold the last sample of each cell.
     """
 
     beam: Beam
@@ -34,8 +34,13 @@ class TempGrid:
     window: Window
     probability: NDArray[np.float64]
     band: NDArray[np.bool_]
-    front: NDArray[np.bool_]
-    passes: tuple[TempGrid, ...] = ()
+    free: NDArray[np.bool_]
+    sub_grids: tuple[TempGrid, ...] = ()
+
+    @property
+    def front(self) -> NDArray[np.bool_]:
+        """``free`` by its former name, for plugins written before it changed."""
+        return self.free
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +82,7 @@ class Thresholded:
 
 @dataclass(frozen=True, slots=True)
 class Classes:
-    """Where the sensors agree, where one alone speaks, where they contradict each other.
+    """Where the sensors agree, where one alone has evidence, where they contradict each other.
 
     ``codes`` (rows, cols) uint8 index ``names``.
     """
@@ -113,7 +118,7 @@ class Segment:
 
     ``covariance`` (2, 2) is that of (rho_m, alpha_rad); ``rms_m`` the distance of its ``points``
     points from it. ``border`` is the number of the border that it was fitted to, or None for raw
-    points. ``source`` says which: ``raw`` or ``grid``.
+    points. ``source`` is which: ``raw`` or ``grid``.
     """
 
     layer: str

@@ -34,17 +34,24 @@ plugin_option = click.option(
 
 
 def config_options(command: Callable[..., int]) -> Callable[..., int]:
-    """The three options that say a configuration."""
+    """The three options that make up a configuration."""
     return config_option(setting_option(preset_option(command)))
 
 
 @click.command(epilog="Example:  echogrid config --set grid.resolution_m=0.02")
 @config_options
-def config(configs: tuple[Path, ...], settings: tuple[str, ...], preset: str | None) -> int:
+@plugin_option
+def config(
+    configs: tuple[Path, ...], settings: tuple[str, ...], preset: str | None,
+    plugins: tuple[Path, ...],
+) -> int:  # fmt: skip
     """Print the configuration in force, with a comment to each key."""
     from mapping.config import load_config
     from mapping.config_text import explained_toml
+    from mapping.plugins import load_plugin
 
+    for plugin in plugins:
+        load_plugin(plugin)
     if len(configs) < 2:
         click.echo(explained_toml(load_config(configs, settings, preset)), nl=False)
         return 0

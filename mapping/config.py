@@ -2,16 +2,16 @@
 
 A configuration comes from TOML files, then ``--set a.b=c``; an unknown key is an error that names
 the nearest known one. What a sensor *is* (:class:`Sensor`) is settled for each session from, first
-found first taken: the configuration, the session's own message or mount, the built-in sensor of
-that name, the built-in one of its radiation.
+found first taken: the configuration, the session's own message or mount, the catalogue's sensor of
+that name, its usual one of that radiation.
 """
 
 from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,16 +22,21 @@ from mapping.config_sections import (
     FusionSection,
     MappingConfig,
     SegmentsSection,
-    SensorSection,
+    sensor_section,
 )
+from mapping.names import choose
+from mapping.parameters import Configurable, ParameterSection, Section, Sensor
+from mapping.sensor_model.models import SENSOR_MODELS
+from mapping.update_rules.rules import UPDATE_RULES
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 from recorder.names import nearest
+from recorder.sensors import CATALOGUE, SensorKind, kind_of, kind_of_radiation
 
 __all__ = [
-    "BUILT_IN_SENSORS", "PRESETS", "BordersSection", "FusionSection", "Heard", "MappingConfig",
-    "SegmentsSection", "Sensor", "load_config", "settle_sensor",
+    "PRESETS", "BordersSection", "FusionSection", "MappingConfig", "ReportedSensor",
+    "SegmentsSection", "Sensor", "load_config", "resolve_sensor", "sensor_defaults", "unused_keys",
 ]  # fmt: skip
 
 CHAPTER_PRESET: dict[str, Any] = {
@@ -43,39 +48,8 @@ PRESETS = {"chapter": CHAPTER_PRESET}
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
-    """A sensor as one session's map sees it, everything settled. Units in the names."""
-
-    name: str
-    kind: str
-    layer: str
-    radiation: Radiation
-    mount: SE2 | None  # None: the session's own transforms say it
-    beam_width_rad: float
-    range_error: float
-    min_range_m: float
-    max_range_m: float
-    model: str
-    regions: int
-    gaussian: str
-    emptiness: str
-    p_hit: float
-    p_miss: float
-    hit: float
-    miss: float
-    near: float
-    before: float
-    behind: float
-    fade_m: float
-    update: str
-    rasteriser: str
-    second_grid: bool
-    no_echo: str
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """What a session itself says of a sensor (NaN: it says nothing)."""
+class ReportedSensor:
+    """What a session itself reports of a sensor (NaN: nothing)."""
 
     name: str
     radiation: Radiation
@@ -85,67 +59,119 @@ class Heard:
 
 
 _COMMON: dict[str, Any] = {
-    "model": "fading", "regions": 12, "gaussian": "both", "emptiness": "combined",
-    "p_hit": 0.7, "p_miss": 0.4, "update": "bayes", "rasteriser": "cells", "second_grid": True,
-}  # fmt: skip
-_SONAR_FADING = {"hit": 0.8, "miss": 0.08, "near": 30.0, "before": 0.01, "behind": 0.1,
-                 "fade_m": 0.75}  # fmt: skip
-_SHARP_FADING = {"hit": 2.2, "miss": 0.85, "near": 0.0, "before": 0.075, "behind": 0.075,
-                 "fade_m": 1e9}  # fmt: skip
-# A laser's band is narrower than the infrared ranger's, by the ratio of their range errors.
-_LASER_FADING = {**_SHARP_FADING, "before": 0.015, "behind": 0.015}
-
-BUILT_IN_SENSORS: dict[str, dict[str, Any]] = {
-    "ping": {**_COMMON, **_SONAR_FADING, "mount": (0.044, 0.0, 0.0), "beam_width_deg": 38.0,
-             "range_error": 0.10, "min_range_m": 0.02, "max_range_m": 4.0, "no_echo": "skipped"},
-    "dirrs": {**_COMMON, **_SHARP_FADING, "mount": (-0.0312, 0.0, 0.0), "beam_width_deg": 6.0,
-              "range_error": 0.05, "min_range_m": 0.1, "max_range_m": 0.8, "no_echo": "empties"},
-    "lidar": {**_COMMON, **_LASER_FADING, "mount": (0.0, 0.0, 0.0), "beam_width_deg": 1.0,
-              "range_error": 0.01, "min_range_m": 0.05, "max_range_m": 30.0, "no_echo": "empties"},
-}  # fmt: skip
-KIND_OF_RADIATION = {
-    Radiation.ULTRASOUND: "ping", Radiation.INFRARED: "dirrs", Radiation.LASER: "lidar",
+    "update": "bayes", "rasteriser": "cells", "second_grid": True,
 }  # fmt: skip
 
 
-def settle_sensor(heard: Heard, config: MappingConfig, *, mounted: bool) -> Sensor:
+def sensor_defaults(kind: SensorKind) -> dict[str, Any]:
+    """The keys of a sensor of this kind that nobody configured, all but ``layer``.
+
+    BadInput where the catalogue gives its model a parameter that there is not, or a bad value.
+    """
+    keys = {
+        **_COMMON, "model": kind.model, **kind.model_parameters, "no_echo": kind.no_echo,
+        "mount": (kind.mount.x_m, kind.mount.y_m, math.degrees(kind.mount.heading_rad)),
+        "beam_width_deg": kind.beam_width_deg, "range_error": kind.range_error,
+        "min_range_m": kind.min_range_m, "max_range_m": kind.max_range_m,
+    }  # fmt: skip
+    return _set_keys(validate({"sensors": {kind.name: keys}}).sensors[kind.name])
+
+
+def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: bool) -> Sensor:
     """Everything about one sensor, each value from the first place that knows it.
 
-    ``mounted`` tells that the session holds a transform for it; its mount then stays None.
+    ``mounted``: the session holds a transform for it; its mount then stays None.
     """
-    asked = {**_set_keys(config.sensors.get("*")), **_set_keys(config.sensors.get(heard.name))}
+    asked = {**_set_keys(config.sensors.get("*")), **_set_keys(config.sensors.get(reported.name))}
     asked.pop("topic", None)
-    kind = str(asked.pop("kind", None) or _kind_of(heard))
-    base = BUILT_IN_SENSORS.get(kind) or BUILT_IN_SENSORS[KIND_OF_RADIATION[heard.radiation]]
-    said = {
-        "beam_width_deg": math.degrees(heard.beam_width_rad),
-        "min_range_m": heard.min_range_m,
-        "max_range_m": heard.max_range_m,
+    kind = str(asked.pop("kind", None) or kind_of(reported.name, reported.radiation).name)
+    base = sensor_defaults(CATALOGUE.get(kind) or kind_of_radiation(reported.radiation))
+    own = {
+        "beam_width_deg": math.degrees(reported.beam_width_rad),
+        "min_range_m": reported.min_range_m,
+        "max_range_m": reported.max_range_m,
     }
-    values = {**base, **{k: v for k, v in said.items() if math.isfinite(v) and v > 0}, **asked}
+    reported_values = {k: v for k, v in own.items() if math.isfinite(v) and v > 0}
+    values = {**parameter_defaults(), **base, **reported_values, **asked}
     mount = asked.get("mount", None if mounted else base["mount"])
     values.pop("mount")
     width_deg = values.pop("beam_width_deg")
+    _check(reported.name, choose(SENSOR_MODELS, values["model"], "sensor model"), values)
+    _check(reported.name, choose(UPDATE_RULES, values["update"], "update rule"), values)
     return Sensor(
-        name=heard.name,
+        name=reported.name,
         kind=kind,
-        radiation=heard.radiation,
+        radiation=reported.radiation,
         layer=values.pop("layer", None) or "",
         mount=None if mount is None else SE2(mount[0], mount[1], math.radians(mount[2])),
         beam_width_rad=math.radians(width_deg),
+        own={key: values.pop(key) for key in parameter_keys() if key not in _SENSOR_FIELDS},
         **values,
     )
 
 
-def _kind_of(heard: Heard) -> str:
-    """``ping``, ``ping_left`` and ``ping2`` are pings; any other name goes by its radiation."""
-    for kind in BUILT_IN_SENSORS:
-        if heard.name == kind or heard.name.rstrip("0123456789").split("_")[0] == kind:
-            return kind
-    return KIND_OF_RADIATION[heard.radiation]
+_SENSOR_FIELDS = frozenset(each.name for each in fields(Sensor))
 
 
-def _set_keys(section: SensorSection | None) -> dict[str, Any]:
+def parameter_keys() -> dict[str, None]:
+    """The keys that any model or rule has of its own, in order."""
+    return dict.fromkeys(key for each in _parameters() for key in each.model_fields)
+
+
+def parameter_defaults() -> dict[str, Any]:
+    """What those keys are where nothing sets them."""
+    return {key: value for each in _parameters() for key, value in each.defaults().items()}
+
+
+def _parameters() -> Iterator[type[ParameterSection]]:
+    members: Iterable[Configurable] = (*SENSOR_MODELS.values(), *UPDATE_RULES.values())
+    return (member.Parameters for member in members)
+
+
+def _check(sensor: str, member: Configurable, values: Mapping[str, Any]) -> None:
+    """Whether a model or rule can go by the values together. Raises BadInput, in one line."""
+    try:
+        member.Parameters.model_validate(member.Parameters.own_of(values))
+    except ValidationError as error:
+        raise BadInput(f"sensors.{sensor}.{_in_one_line(error)}") from None
+
+
+def unused_keys(config: MappingConfig) -> list[str]:
+    """Keys that are set, as ``sensors.NAME.key``, though the model and rule do not go by them.
+
+    A key of all sensors (``*``) is used when any of them goes by it. A model of a plugin that does
+    not state its parameters may use every key.
+    """
+    of_all = _set_keys(config.sensors.get("*"))
+    used = {
+        name: _used_keys({**of_all, **_set_keys(section)})
+        for name, section in config.sensors.items()
+    }
+    used["*"] = set().union(*used.values(), _used_keys(of_all))
+    owned = parameter_keys()
+    return [
+        f"sensors.{name}.{key}"
+        for name, section in config.sensors.items()
+        for key in _set_keys(section) if key in owned and key not in used[name]
+    ]  # fmt: skip
+
+
+def _used_keys(asked: Mapping[str, Any]) -> set[str]:
+    """The keys that the model and the rule of a sensor go by, which is asked to be so."""
+    used = {"gaussian"} if asked.get("rasteriser") == "arcs" else set()
+    tables: dict[str, Mapping[str, Configurable]]
+    tables = {"model": SENSOR_MODELS, "update": UPDATE_RULES}
+    for key, table in tables.items():
+        defaults = {entry[key] for entry in map(sensor_defaults, CATALOGUE.values())}
+        for name in [asked[key]] if key in asked else sorted(defaults):
+            known = table[name].Parameters if name in table else Configurable.Parameters
+            if key == "model" and known is Configurable.Parameters:
+                return set(parameter_keys())
+            used |= set(known.model_fields)
+    return used
+
+
+def _set_keys(section: Section | None) -> dict[str, Any]:
     return {} if section is None else section.model_dump(exclude_none=True)
 
 
@@ -217,12 +243,12 @@ def _in_one_line(error: ValidationError) -> str:
     if first["type"] == "extra_forbidden":
         return f"unknown key {'.'.join(path)}{_nearest_key(path)}"
     if first["type"] == "tuple_type":
-        said = "numbers in square brackets are wanted, as in [1.5, 2]"
+        reason = "numbers in square brackets are wanted, as in [1.5, 2]"
     elif first["type"] == "missing":  # of a list of numbers; keys all have a default
-        said = "a number is missing"
+        reason = "a number is missing"
     else:
-        said = first["msg"].lower()
-    return f"{'.'.join(path)}: {said} (not {first['input']!r})"
+        reason = first["msg"].lower()
+    return f"{'.'.join(path)}: {reason} (not {first['input']!r})"
 
 
 def _nearest_key(path: list[str]) -> str:
@@ -241,7 +267,7 @@ def _known_keys(path: list[str]) -> list[str]:
     section: type[BaseModel] = MappingConfig
     for key in path:
         if section is MappingConfig and key == "sensors":
-            return list(SensorSection.model_fields)
+            return list(sensor_section().model_fields)
         field = section.model_fields.get(key)
         if field is None or not isinstance(field.annotation, type):
             return []

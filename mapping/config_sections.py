@@ -2,24 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BeforeValidator, Field, SerializeAsAny, create_model
+from pydantic.fields import FieldInfo
 
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-NonNegative = Annotated[float, Field(ge=0, allow_inf_nan=False)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
-# No robot of ours is farther from its map's origin, in metres; nor has it turned so far.
-Coordinate = Annotated[float, Field(ge=-1e6, le=1e6, allow_inf_nan=False)]
-
+from mapping.parameters import Configurable, Coordinate, Fraction, NonNegative, Positive, Section
+from mapping.sensor_model.models import SENSOR_MODELS
+from mapping.update_rules.rules import UPDATE_RULES
 
 Display = Literal["grey", "reduced", "odds", "two-colours", "three-colours"]
-
-
-class Section(BaseModel):
-    """Base of all sections: frozen, and closed to keys it does not know."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class PoseSection(Section):
@@ -54,7 +48,11 @@ class GridSection(Section):
 
 
 class SensorSection(Section):
-    """One sensor, `[sensors.NAME]`. What is left out comes from the session or the built-ins."""
+    """One sensor, `[sensors.NAME]`. What is left out comes from the session or the built-ins.
+
+    These are the keys that every sensor has; :func:`sensor_section` adds those of the models and
+    rules.
+    """
 
     topic: str | None = Field(None, description="topic of its readings; default /range/NAME")
     kind: str | None = Field(None, description="what the sensor is: ping, dirrs, lidar")
@@ -71,21 +69,6 @@ class SensorSection(Section):
     max_range_m: Positive | None = Field(None, description="readings at or beyond saw nothing")
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
-    regions: int | None = Field(None, description="regions over +-3 standard deviations: 6, 12 ...")
-    gaussian: Literal["both", "angle", "distance", "none"] | None = Field(
-        None, description="which of the two errors are Gaussian"
-    )
-    emptiness: Literal["none", "constant", "linear", "combined"] | None = Field(
-        None, description="what is said of the cells in front of the band"
-    )
-    p_hit: Fraction | None = Field(None, description="peak: probability at the likeliest place")
-    p_miss: Fraction | None = Field(None, description="peak: probability close to the sensor")
-    hit: NonNegative | None = Field(None, description="fading: log-odds of the band, close by")
-    miss: NonNegative | None = Field(None, description="fading: log-odds taken in front")
-    near: NonNegative | None = Field(None, description="fading: how much surer close to the sensor")
-    before: NonNegative | None = Field(None, description="fading: band before the range, relative")
-    behind: NonNegative | None = Field(None, description="fading: band behind the range, relative")
-    fade_m: Positive | None = Field(None, description="fading: range at which half is believed")
     update: str | None = Field(None, description="update rule: bayes, odds, count ...")
     rasteriser: Literal["cells", "arcs"] | None = Field(
         None, description="every cell at its centre, or the chapter's sampling along arcs"
@@ -96,6 +79,53 @@ class SensorSection(Section):
     no_echo: Literal["empties", "skipped"] | None = Field(
         None, description="what a reading that saw nothing does"
     )
+
+
+class _AllKeys(Section):
+    """Base of the sections with all keys: made while the program runs, so pickled by their keys."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _section_of, (self.model_dump(exclude_none=True),)
+
+
+def sensor_section() -> type[Section]:
+    """The section of one sensor with the keys of every model and rule that there is.
+
+    A model's keys stand after ``model``, a rule's after ``update``.
+    """
+    return _with_keys_of(tuple(SENSOR_MODELS.values()), tuple(UPDATE_RULES.values()))
+
+
+@lru_cache(maxsize=8)
+def _with_keys_of(
+    models: tuple[Configurable, ...], rules: tuple[Configurable, ...]
+) -> type[Section]:
+    fields: dict[str, Any] = {}
+    owners = {"model": models, "update": rules}
+    for key, known in SensorSection.model_fields.items():
+        fields[key] = (known.annotation, known)
+        fields |= dict(_own_keys(owners.get(key, ())))
+    return create_model("SensorSection", __base__=_AllKeys, __module__=__name__, **fields)
+
+
+def _own_keys(members: tuple[Configurable, ...]) -> Iterator[tuple[str, Any]]:
+    """Each key with its type, None where it is not set; one of a single owner names it."""
+    known: dict[str, FieldInfo] = {}
+    owners: dict[str, list[str]] = {}
+    for member in members:
+        for key, of_member in member.Parameters.model_fields.items():
+            known.setdefault(key, of_member)
+            owners.setdefault(key, []).append(member.name)
+    for key, field in known.items():
+        meaning = field.description or ""
+        if len(owners[key]) == 1:
+            meaning = f"{owners[key][0]}: {meaning or key}"
+        checked: Any = Annotated[(field.annotation, *field.metadata, Field())]
+        yield key, (checked | None, Field(None, description=meaning))
+
+
+def _section_of(keys: Any) -> Any:
+    return sensor_section().model_validate(keys) if isinstance(keys, Mapping) else keys
 
 
 class FusionSection(Section):
@@ -194,7 +224,9 @@ class MappingConfig(Section):
 
     pose: PoseSection = PoseSection()
     grid: GridSection = GridSection()
-    sensors: dict[str, SensorSection] = Field(default_factory=dict)
+    sensors: dict[str, Annotated[SerializeAsAny[Section], BeforeValidator(_section_of)]] = Field(
+        default_factory=dict
+    )
     fusion: FusionSection = FusionSection()
     borders: BordersSection = BordersSection()
     segments: SegmentsSection = SegmentsSection()

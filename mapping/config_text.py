@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Literal, get_args, get_origin
 
 import tomlkit
 from pydantic import BaseModel
 
-from mapping.config import BUILT_IN_SENSORS, MappingConfig
-from mapping.config_sections import SensorSection
+from mapping.config import MappingConfig, parameter_defaults, sensor_defaults
+from mapping.config_sections import sensor_section
+from recorder.messages import Radiation
+from recorder.sensors import CATALOGUE, kind_of_radiation
 
 _SENSORS = """\
 
 # A sensor is configured in a section of its name, [sensors.ping], all of them in [sensors."*"].
 # Its keys, and what they are for a sonar (ping), an infrared ranger (dirrs) and a laser (lidar)
 # when neither the configuration nor the session says otherwise:
+"""
+_KINDS = """
+# The kinds that there are; a sensor is of the one that its name holds (tfmini_left), or that its
+# key kind names (docs/sensors.md has all that is known of each):
 """
 
 
@@ -27,18 +33,25 @@ def commented_toml(config: MappingConfig) -> str:
 def explained_toml(config: MappingConfig) -> str:
     """The same for somebody who wants to change it: with the words to choose from, where a key
     takes one of a few, and with all keys of a sensor as comments."""
-    lines = [_sensor_line(key, field.description or "", field.annotation)
-             for key, field in SensorSection.model_fields.items()]  # fmt: skip
-    return _toml(config, choices=True) + _SENSORS + "".join(lines)
+    usual = {
+        k.name: {**parameter_defaults(), **sensor_defaults(k)}
+        for k in map(kind_of_radiation, Radiation)
+    }
+    lines = [_sensor_line(usual, key, field.description or "", field.annotation)
+             for key, field in sensor_section().model_fields.items()]  # fmt: skip
+    kinds = [f"#   {kind.name:<12}{kind.summary()}\n" for kind in CATALOGUE.values()]
+    return _toml(config, choices=True) + _SENSORS + "".join(lines) + _KINDS + "".join(kinds)
 
 
-def _sensor_line(key: str, description: str, annotation: Any) -> str:
-    of_each = {name: _shown(keys[key]) for name, keys in BUILT_IN_SENSORS.items() if key in keys}
-    told = ", ".join(f"{name} {value}" for name, value in of_each.items())
+def _sensor_line(
+    usual: Mapping[str, Mapping[str, Any]], key: str, description: str, annotation: Any
+) -> str:
+    of_each = {name: _shown(keys[key]) for name, keys in usual.items() if key in keys}
+    defaults = ", ".join(f"{name} {value}" for name, value in of_each.items())
     if len(set(of_each.values())) == 1:
-        told = f"default {next(iter(of_each.values()))}"
-    told = f" ({told})" if told else ""
-    return f"# {key} =    # {_with_choices(key, description, annotation)}{told}\n"
+        defaults = f"default {next(iter(of_each.values()))}"
+    defaults = f" ({defaults})" if defaults else ""
+    return f"# {key} =    # {_with_choices(key, description, annotation)}{defaults}\n"
 
 
 def _shown(value: Any) -> str:

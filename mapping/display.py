@@ -94,15 +94,15 @@ def with_alpha(image: Image, observed: NDArray[np.bool_]) -> Image:
 
 
 def class_colours(names: tuple[str, ...]) -> NDArray[np.uint8]:
-    """A colour for each class, ``(len(names), 3)``; each sensor that speaks alone has its own."""
+    """A colour for each class, ``(len(names), 3)``; each sensor that is alone has its own."""
     alone_names = [name.rpartition(" alone ")[0] for name in names if " alone " in name]
     sensors = list(dict.fromkeys(alone_names))
     colours = []
     for name in names:
-        sensor, alone, word = name.rpartition(" alone ")
+        sensor, alone, state = name.rpartition(" alone ")
         if alone:
             strong, pale = _ALONE[sensors.index(sensor) % len(_ALONE)]
-            colours.append(strong if word == "occupied" else pale)
+            colours.append(strong if state == "occupied" else pale)
         else:
             colours.append(_CLASS_COLOURS.get(name, _CLASS_COLOURS["unknown"]))
     return np.array(colours, np.uint8)

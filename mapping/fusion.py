@@ -28,7 +28,7 @@ FUSED = "fused"
 def fuse(layers: Sequence[Layer], sensors: Iterable[Sensor], section: FusionSection) -> Layer:
     """One layer, named ``fused``, from the layers of several sensors on the same grid.
 
-    ``sensors`` are those whose readings went into the layers; they say how far a layer is trusted.
+    ``sensors`` are those whose readings went into the layers; a layer is trusted as they are.
     Raises BadInput for no layers, layers on different grids, and weights that cannot be used.
     """
     if not layers:
@@ -72,7 +72,7 @@ def _angular_trust(sensor: Sensor) -> float:
 
 
 def _range_trust(sensor: Sensor) -> float:
-    # A sensor said to have no error is trusted as one of a hundredth of a percent.
+    # A sensor configured without any error is trusted as one of a hundredth of a percent.
     return 1.0 / max(sensor.range_error, 1e-4)
 
 
@@ -113,34 +113,34 @@ def _given(layers: Sequence[Layer], weights: dict[str, float]) -> list[float]:
     names = [layer.name for layer in layers]
     missing = [name for name in names if name not in weights]
     if missing:
-        raise BadInput(f"fusion.weights says nothing of layer {missing[0]}")
+        raise BadInput(f"fusion.weights has no weight for layer {missing[0]}")
     for name in weights:
         choose(dict.fromkeys(names), name, "layer in fusion.weights")
     return [weights[name] for name in names]
 
 
 def classify(layers: Sequence[Layer]) -> Classes:
-    """Where the layers agree, where one alone speaks, where they contradict each other.
+    """Where the layers agree, where one alone has evidence, where they contradict each other.
 
-    A layer speaks of a cell that one of its readings touched and that it does not hold at exactly
-    0.5. ``unknown`` is code 0; then come agreement on occupied and on empty, contradiction, and for
-    each layer what it says alone.
+    A layer has evidence for a cell that one of its readings touched and that it does not hold at
+    exactly 0.5. ``unknown`` is code 0; then come agreement on occupied and on empty, contradiction,
+    and for each layer what it holds alone.
     """
     if not layers:
         raise BadInput("there is no layer to classify")
     names = ["unknown", "agree occupied", "agree empty", "contradict"]
     occupied = [layer.observed & (layer.probability > 0.5) for layer in layers]
     empty = [layer.observed & (layer.probability < 0.5) for layer in layers]
-    says_occupied = np.sum(occupied, axis=0)
-    says_empty = np.sum(empty, axis=0)
+    occupied_in = np.sum(occupied, axis=0)
+    empty_in = np.sum(empty, axis=0)
     codes = np.zeros(layers[0].geometry.shape, np.uint8)
-    codes[(says_occupied >= 2) & (says_empty == 0)] = 1
-    codes[(says_empty >= 2) & (says_occupied == 0)] = 2
-    codes[(says_occupied > 0) & (says_empty > 0)] = 3
-    alone = says_occupied + says_empty == 1
+    codes[(occupied_in >= 2) & (empty_in == 0)] = 1
+    codes[(empty_in >= 2) & (occupied_in == 0)] = 2
+    codes[(occupied_in > 0) & (empty_in > 0)] = 3
+    alone = occupied_in + empty_in == 1
     for layer, is_occupied, is_empty in zip(layers, occupied, empty, strict=True):
-        for mask, word in ((is_occupied, "occupied"), (is_empty, "empty")):
+        for mask, state in ((is_occupied, "occupied"), (is_empty, "empty")):
             codes[alone & mask] = len(names)
-            names.append(f"{layer.name} alone {word}")
+            names.append(f"{layer.name} alone {state}")
     read_only(codes)
     return Classes(layers[0].geometry, codes, tuple(names))

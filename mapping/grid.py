@@ -17,8 +17,6 @@ from recorder.errors import BadInput
 
 FloatArray = NDArray[np.float64]
 
-_STARTS = {"probability": 0.5, "odds": 1.0}  # all other kinds begin at 0
-
 
 def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
     """The same array, locked: what flows between stages cannot be changed behind one's back."""
@@ -132,11 +130,6 @@ def check_size(rows: int, cols: int, *, resolution_m: float, max_cells: int) -> 
         )
 
 
-def start_of(kind: str) -> float:
-    """What a cell of a layer holds before any reading, in the unit ``kind``."""
-    return _STARTS.get(kind, 0.0)
-
-
 @dataclass(frozen=True, slots=True)
 class Layer:
     """One exported map: of a sensor, of a kind of sensor, or fused.
@@ -144,7 +137,7 @@ class Layer:
     ``values`` (rows, cols) float32 are in the update rule's own unit, named by ``kind``
     (``probability``, ``count``, ``odds``, ``mass``, ``certainty``, ``sum``, ``binary``);
     ``probability`` (rows, cols) float32 is what thresholds, fusion and map files use.
-    ``observed`` tells the cells that any reading ever touched. ``extra`` holds further arrays of
+    ``observed`` are the cells that any reading ever touched. ``extra`` holds further arrays of
     the rule, by name (Dempster-Shafer's masses and conflict).
     """
 

@@ -1,6 +1,6 @@
 """The same maps while the messages come in: a stream that knows no end yet.
 
-What a finished session tells beforehand is found on the way: readings wait for their poses, and
+What a finished session holds beforehand is found on the way: readings wait for their poses, and
 the grid grows when a beam leaves it. A grown grid begins a new run of artifacts (a second
 :class:`~mapping.artifacts.Started`) with all readings so far merged into it in silence, so the
 maps are at each moment those that a finished session would have given.
@@ -18,9 +18,9 @@ from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.grid import GridGeometry, geometry_for
 from mapping.live_placing import LivePlacer
-from mapping.pipeline import beam_box_m, geometry_of, raw_lines, result_stages, started_run
-from mapping.sensor_model import make_temp_grid
-from mapping.update_rules import MapState, start
+from mapping.pipeline import empty_maps, geometry_of, raw_lines, result_stages, started_run
+from mapping.sensor_model import beam_box_m, make_temp_grid
+from mapping.update_rules import MapState
 from recorder.errors import BadInput
 from recorder.messages import Message
 
@@ -36,7 +36,7 @@ def build_live_maps(
 ) -> Iterator[Artifact]:
     """Everything that comes about while messages arrive, until they end; then the results.
 
-    ``is_late()`` says that more messages wait than can be followed: readings are then merged
+    ``is_late()``: more messages wait than can be followed: readings are then merged
     without their intermediate artifacts, whose place a snapshot takes once the stream has caught
     up. Raises BadInput, at the end, when not one reading could be mapped.
     """
@@ -114,8 +114,7 @@ class _LiveRun:
         """A grid for all beams so far with room to grow, and they merged into it."""
         placed = self.placer.placed(tuple(self._beams))
         self._geometry = self._roomy(placed.beams)
-        sensors = placed.sensors.values()
-        self._maps = {sensor.layer: start(sensor.update, self._geometry) for sensor in sensors}
+        self._maps = empty_maps(placed.sensors.values(), self._geometry)
         yield started_run(placed, self._geometry, self._walls_m)
         for beam in placed.beams:
             temp = make_temp_grid(beam, placed.sensors[beam.sensor], self._geometry)

@@ -10,11 +10,10 @@ from __future__ import annotations
 import bisect
 import math
 from collections import Counter, deque
-from dataclasses import replace
 
 from mapping.beams import Beam
 from mapping.config import MappingConfig, Sensor
-from mapping.placing import Placed, place_reading, settle_sensors
+from mapping.placing import Placed, place_reading, resolve_sensors
 from mapping.poses import FrameTree, Track, is_sane
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
@@ -113,7 +112,8 @@ class LivePlacer:
         return self._poses
 
     def _place(self, *, ended: bool) -> list[Beam]:
-        self._settle()
+        # Those of the first seconds together, so that two of one kind share a layer.
+        self.sensors = resolve_sensors(self._waiting, self._frames, self._config, self.sensors)
         track = self._track()
         beams: list[Beam] = []
         while self._waiting and (ended or self._is_ripe(self._waiting[0], track)):
@@ -129,21 +129,6 @@ class LivePlacer:
             else:
                 self.dropped[outcome] += 1
         return beams
-
-    def _settle(self) -> None:
-        """Settle the sensors that were not heard before.
-
-        Those of the first seconds are settled together, so that two of one kind share a layer; one
-        that comes later joins the layer of its kind where there is one.
-        """
-        new = [r for r in self._waiting if r.sensor not in self.sensors]
-        if not new:
-            return
-        settled = settle_sensors(new, self._frames, self._config)
-        shared = {s.layer for s in self.sensors.values()}
-        for name, sensor in settled.items():
-            joins = sensor.layer == name and sensor.kind in shared
-            self.sensors[name] = replace(sensor, layer=sensor.kind) if joins else sensor
 
     def _is_ripe(self, reading: Range | Scan, track: Track) -> bool:
         """Whether waiting on could change nothing."""

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from mapping.artifacts import Artifact, Finished, RawPoints, Snapshot, Started
 from mapping.beams import Beam
 from mapping.borders import find_borders, threshold_layer, tracer_steps
-from mapping.config import MappingConfig, Sensor
+from mapping.config import MappingConfig
 from mapping.fusion import FUSED, classify, fuse
 from mapping.grid import GridGeometry, Layer, check_size, geometry_for
+from mapping.parameters import Sensor
 from mapping.placing import Placed, place
 from mapping.segments import (
     Stage,
@@ -25,7 +26,7 @@ from mapping.segments import (
     segments_from_grid,
     segments_of_ranger,
 )
-from mapping.sensor_model import make_temp_grid
+from mapping.sensor_model import beam_box_m, make_temp_grid
 from mapping.update_rules import MapState, start
 from recorder.messages import Message
 
@@ -47,7 +48,7 @@ def build_maps(
     placed = place(messages, config)
     geometry = geometry_of(placed, config)
     yield started_run(placed, geometry, walls_m)
-    maps = {sensor.layer: start(sensor.update, geometry) for sensor in placed.sensors.values()}
+    maps = empty_maps(placed.sensors.values(), geometry)
     every = config.rerun.stages_every
     for beam in placed.beams:
         yield beam
@@ -82,11 +83,9 @@ def geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:
     return GridGeometry(corner, resolution, rows, cols)
 
 
-def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The corners (low, high) of a box around all that a reading can touch, metres."""
-    # how far past its range a reading's band reaches, relative
-    stretch = 1.0 + (sensor.behind if sensor.model == "fading" else sensor.range_error)
-    return beam.bounds_m(stretch)
+def empty_maps(sensors: Iterable[Sensor], geometry: GridGeometry) -> dict[str, MapState]:
+    """A map without readings for each layer that the sensors fill, by name."""
+    return {each.layer: start(each.update, geometry, each.own) for each in sensors}
 
 
 def started_run(
@@ -153,11 +152,14 @@ def raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
         points, t_ns = _points_of(beams)
         yield RawPoints(name, points, t_ns)
         if len(points) >= config.segments.min_points:
-            eyes = np.array([[b.world_from_sensor.x_m, b.world_from_sensor.y_m] for b in beams])
+            sensor_positions_m = np.array(
+                [[b.world_from_sensor.x_m, b.world_from_sensor.y_m] for b in beams]
+            )
             narrow = beams[0].beam_width_rad <= NARROW_RAD
             stages: list[Stage] = []
             lines = segments_of_ranger(
-                points, np.repeat(eyes, [len(beam.points_m) for beam in beams], axis=0),
+                points,
+                np.repeat(sensor_positions_m, [len(beam.points_m) for beam in beams], axis=0),
                 config.segments, layer=name, narrow=narrow, observe=stages.append,
             )  # fmt: skip
             yield from _stages_shown(stages, name, "raw", config)

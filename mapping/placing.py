@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.poses import FrameTree, Track, is_sane
 from recorder.errors import BadInput
 from recorder.geometry import SE2
@@ -51,7 +52,7 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     if not readings:
         raise BadInput(f"no range readings in the session (found: {_found(kept)})")
     track = _track(kept, config, dropped)
-    sensors = settle_sensors(readings, frames, config)
+    sensors = resolve_sensors(readings, frames, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
     clocks_back = 0
@@ -116,34 +117,42 @@ def laid_on(odometry: Track, tracker: Track) -> Track:
     raise BadInput("there is no time at which the tracker and dead reckoning both know the pose")
 
 
-def settle_sensors(
-    readings: Iterable[Range | Scan], frames: FrameTree, config: MappingConfig
+def resolve_sensors(
+    readings: Iterable[Range | Scan],
+    frames: FrameTree,
+    config: MappingConfig,
+    known: Mapping[str, Sensor] = MappingProxyType({}),
 ) -> dict[str, Sensor]:
-    """What is held of each sensor, by its name, from its first reading and the configuration.
+    """The sensors of these readings, by name, each from its first reading and the configuration.
 
-    Each has its own layer, unless there are several of one kind: these share one.
+    Each has its own layer, unless there are several of one kind: these share one. Where some are
+    ``known`` already, they stay as they are, and another of a kind that has a layer joins it.
     """
     first: dict[str, Range | Scan] = {}
     for reading in readings:
-        first.setdefault(reading.sensor, reading)
-    settled = {
-        name: settle_sensor(_heard(reading), config, mounted=frames.parent_of(name) is not None)
+        if reading.sensor not in known:
+            first.setdefault(reading.sensor, reading)
+    if not first:
+        return dict(known)
+    found = {
+        name: resolve_sensor(_reported(reading), config, mounted=frames.parent_of(name) is not None)
         for name, reading in first.items()
     }
-    of_kind = Counter(sensor.kind for sensor in settled.values())
-    return {
+    of_kind = Counter(sensor.kind for sensor in found.values())
+    of_kind.update(sensor.layer for sensor in known.values())
+    return {**known} | {
         name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
-        for name, s in settled.items()
+        for name, s in found.items()
     }
 
 
-def _heard(reading: Range | Scan) -> Heard:
+def _reported(reading: Range | Scan) -> ReportedSensor:
     if isinstance(reading, Range):
-        return Heard(
+        return ReportedSensor(
             reading.sensor, reading.radiation, reading.beam_width_rad,
             reading.min_range_m, reading.max_range_m,
         )  # fmt: skip
-    return Heard(
+    return ReportedSensor(
         reading.sensor, Radiation.LASER, abs(reading.angle_increment_rad),
         reading.min_range_m, reading.max_range_m,
     )  # fmt: skip
@@ -157,7 +166,7 @@ def place_reading(
     frames: FrameTree,
     config: MappingConfig,
 ) -> Beam | str:
-    """The beam, or in words why there is none."""
+    """The beam, or the reason why there is none."""
     ranges_m = _checked(reading, sensor)
     if isinstance(ranges_m, str):
         return ranges_m
@@ -193,7 +202,7 @@ def _checked(
     """Ranges (N,), +Inf: nothing seen, NaN: not usable; or why the whole reading is dropped."""
     if isinstance(reading, Scan):
         ranges = np.array(reading.ranges_m, np.float64)
-        # A beam that is not usable says nothing; one past the limit saw nothing.
+        # A beam that is not usable is no evidence; one past the limit saw nothing.
         ranges[~(ranges >= max(sensor.min_range_m, 1e-9))] = np.nan
         ranges[ranges >= sensor.max_range_m] = np.inf
         if np.isnan(ranges).all():

@@ -1,17 +1,23 @@
 """A student's own sensor models and update rules, from one short Python file.
 
 Every subclass of ``SensorModel`` and ``UpdateRule`` that the file defines goes into the tables that
-name them, so that configuration, command line and laws know it like the built-in ones. The file is
-run as Python: load only files that you trust.
+name them, so that configuration, command line and laws know it, and the keys that it has of its
+own, like the built-in ones. The file is run as Python: load only files that you trust.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import ModuleType
 from typing import TypeVar
 
+from pydantic import ValidationError
+from pydantic.fields import FieldInfo
+
+from mapping.config_sections import SensorSection
+from mapping.parameters import Configurable, ParameterSection, Sensor
 from mapping.sensor_model import SENSOR_MODELS, SensorModel
 from mapping.update_rules import UPDATE_RULES, UpdateRule
 from recorder.errors import BadInput
@@ -48,6 +54,7 @@ def load_plugin(path: Path | str) -> Plugin:
         _check_rule(rule, path)
     for model in models:
         _check_overridden(model, SensorModel, ("occupied",), path)
+    _check_keys((*models, *rules), path)
     SENSOR_MODELS.update({model.name: model for model in models})
     UPDATE_RULES.update({rule.name: rule for rule in rules})
     return Plugin(models, rules)
@@ -83,6 +90,49 @@ def _check_rule(rule: UpdateRule, path: Path) -> None:
             'the arrays it keeps and what they begin with, such as start = {"score": 0.0}'
         )
     _check_overridden(rule, UpdateRule, ("merge", "values"), path)
+
+
+def _check_keys(members: Sequence[Configurable], path: Path) -> None:
+    """Whether the own keys of models and rules can stand in a sensor's section beside all others.
+
+    A key of another model or rule may be used, too, where it is taken over as it is (by deriving
+    from its Parameters).
+    """
+    replaced = {member.name for member in members}
+    taken: dict[str, FieldInfo] = {}
+    for other in (*SENSOR_MODELS.values(), *UPDATE_RULES.values()):
+        if other.name not in replaced:
+            taken |= other.Parameters.model_fields
+    of_all = {*SensorSection.model_fields, *(each.name for each in fields(Sensor))}
+    for member in members:
+        own, whose = member.Parameters, f"{path}: class {type(member).__name__}"
+        if not (isinstance(own, type) and issubclass(own, ParameterSection)):
+            raise BadInput(f"{whose}: its Parameters must derive from those of its base class")
+        for key, field in own.model_fields.items():
+            if key in of_all and key not in taken:
+                raise BadInput(f"{whose} names a parameter {key!r}, as every sensor has one")
+            if key in taken and not _same(field, taken[key]):
+                raise BadInput(f"{whose} names a parameter {key!r}, which another one has already")
+            if key not in taken and field.is_required():
+                raise BadInput(f"{whose}: its parameter {key!r} needs a default")
+            taken[key] = field
+        _check_defaults(own, whose)
+
+
+def _same(one: FieldInfo, other: FieldInfo) -> bool:
+    return all(
+        getattr(one, part) == getattr(other, part) for part in ("annotation", "metadata", "default")
+    )
+
+
+def _check_defaults(own: type[ParameterSection], whose: str) -> None:
+    try:
+        own.model_validate(own.defaults())
+    except ValidationError as error:
+        wrong = [each for each in error.errors() if each["type"] != "missing"]  # see the catalogue
+        if wrong:
+            key = ".".join(str(part) for part in wrong[0]["loc"])
+            raise BadInput(f"{whose}: default of {key}: {wrong[0]['msg'].lower()}") from None
 
 
 def _check_overridden(member: object, base: type, methods: tuple[str, ...], path: Path) -> None:

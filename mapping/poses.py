@@ -77,13 +77,13 @@ class FrameTree:
         return cls(static, tracks)
 
     def parent_of(self, frame: str) -> str | None:
-        """The frame that another one is fixed to or turns on; None where nothing says."""
+        """The frame that another one is fixed to or turns on; None where nothing is known."""
         if frame in self.moving:
             return self.moving[frame][0]
         return self.static[frame].parent if frame in self.static else None
 
     def base_from(self, frame: str, t_ns: int) -> SE2 | None:
-        """Where a frame stands on the robot at a time; None where the session does not tell."""
+        """Where a frame stands on the robot at a time; None where the session does not hold it."""
         motion = IDENTITY
         for _ in range(len(self.static) + len(self.moving) + 1):  # a circle of frames must end
             if frame == BASE_FRAME:

@@ -1,6 +1,6 @@
 """What a reading would have been, had the map so far been the room.
 
-Compared with what was measured it tells whether the map already knows the place: the two agree
+Compared with what was measured it shows whether the map already knows the place: the two agree
 where it does, and part where a wall is new, or where a reading is wrong.
 """
 
@@ -34,7 +34,7 @@ class RangePredictor:
             occupied[artifact.window.slices] = artifact.probability > self._threshold
 
     def ranges_m(self, beam: Beam) -> NDArray[np.float64]:
-        """What the beam's own layer foretells for each of its axes, (N,); +Inf: nothing is met.
+        """What the beam's own layer predicts for each of its axes, (N,); +Inf: nothing is met.
 
         A ranger meets the nearest occupied cell of its whole cone, as sound comes back from
         whatever is nearest; a beam of a scan the first one on its axis. Distances are to the centre

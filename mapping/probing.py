@@ -1,7 +1,7 @@
 """Why does this cell look as it does? One cell, followed through a run.
 
-A probe takes the artifacts as they come and keeps each reading that reached its cell: what the
-reading said there, and what the cell's belief was before and after.
+A probe takes the artifacts as they come and keeps each reading that reached its cell: what its
+evidence there was, and what the cell's belief was before and after.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ class Touch:
     """One reading that reached the cell, and its effect there.
 
     ``zone`` is where in the beam the cell's centre lies: in the band where the obstacle may be,
-    in the empty part before it, behind it (where the reading says nothing), or beside the beam
+    in the empty part before it, behind it (where the reading is no evidence), or beside the beam
     with the cell changed all the same. ``range_m`` is that of the beam's axis nearest to the cell
-    (+Inf: it saw nothing), ``distance_m`` from the sensor to the cell's centre. ``said``,
+    (+Inf: it saw nothing), ``distance_m`` from the sensor to the cell's centre. ``evidence``,
     ``before`` and ``after`` are probabilities of being occupied; NaN for a reading that ended
     before the cell, when no other had yet reached it.
     """
@@ -41,13 +41,13 @@ class Touch:
     range_m: float
     distance_m: float
     zone: str
-    said: float
+    evidence: float
     before: float
     after: float
 
     @property
     def effect(self) -> float:
-        """How much fuller (above 0) or emptier the reading made the cell, as a probability."""
+        """How much more occupied (above 0) or free the reading made the cell, as a probability."""
         return 0.0 if self.zone == BEHIND else self.after - self.before
 
 
@@ -55,7 +55,7 @@ class CellProbe:
     """Follows the cell that holds a point (x, y) of the map frame, metres.
 
     Call it with each artifact of a run. ``touches`` are the readings that reached the cell,
-    ``beliefs`` the newest probability of each layer that says anything of it, ``observed`` the
+    ``beliefs`` the newest probability of each layer that has evidence for it, ``observed`` the
     layers whose map holds the cell as seen.
     """
 
@@ -116,26 +116,26 @@ class CellProbe:
             return
         if zone != BEHIND:
             self.observed.add(merged.layer)
-        said = 0.5 if inside is None or self._temp is None else _said(self._temp, self.cell)
+        here = (
+            None if inside is None or self._temp is None else _inside(self.cell, self._temp.window)
+        )
+        evidence = 0.5 if here is None or self._temp is None else self._temp.probability[here]
         self.touches.append(
             Touch(
                 reading=beam.number, t_ns=beam.t_ns, layer=merged.layer, sensor=beam.sensor,
                 range_m=float(beam.ranges_m[axis]), distance_m=distance, zone=zone or BESIDE,
-                said=said, before=before, after=after,
+                evidence=evidence, before=before, after=after,
             )
         )  # fmt: skip
 
     def _zone(self, beam: Beam, axis: int, angle: float, distance: float) -> str | None:
         """Where in the newest beam the cell lies; None where the reading did not reach it."""
-        temp = self._temp
-        for part in () if temp is None else (temp, *temp.passes):
-            here = _inside(self.cell, part.window)
-            if here is not None and part.band[here]:
-                return OBSTACLE
-        for part in () if temp is None else (temp, *temp.passes):
-            here = _inside(self.cell, part.window)
-            if here is not None and part.front[here]:
-                return EMPTY
+        grids = () if self._temp is None else (self._temp, *self._temp.sub_grids)
+        parts = [(grid, _inside(self.cell, grid.window)) for grid in grids]
+        if any(here is not None and grid.band[here] for grid, here in parts):
+            return OBSTACLE
+        if any(here is not None and grid.free[here] for grid, here in parts):
+            return EMPTY
         within = angle <= beam.beam_width_rad / 2.0 + _TOLERANCE_RAD
         behind = beam.ranges_m[axis] < distance <= beam.reach_m
         return BEHIND if within and behind else None
@@ -154,11 +154,6 @@ def _inside(cell: tuple[int, int], window: Window) -> tuple[int, int] | None:
     """The cell's index in an array over the window."""
     row, col = cell[0] - window.row0, cell[1] - window.col0
     return (row, col) if 0 <= row < window.rows and 0 <= col < window.cols else None
-
-
-def _said(temp: TempGrid, cell: tuple[int, int]) -> float:
-    here = _inside(cell, temp.window)
-    return 0.5 if here is None else float(temp.probability[here])
 
 
 def _in_beam(beam: Beam, point_m: tuple[float, float]) -> tuple[int, float, float]:

@@ -1,1 +1,1 @@
-"""From a robot to a session: what it says, over which line, and how it is kept in MCAP."""
+"""From a robot to a session: what it measures, over which line, and how it is kept in MCAP."""

@@ -29,7 +29,7 @@ _MAX_STEP_AHEAD_MS = 60_000  # a device clock cannot run ahead of the host's by 
 
 
 class Clock(typing.Protocol):
-    """Anything that tells the time in UNIX nanoseconds and never goes back."""
+    """Anything that has the time in UNIX nanoseconds and never goes back."""
 
     def now_ns(self) -> int:
         """UNIX time, nanoseconds."""

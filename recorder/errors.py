@@ -1,4 +1,4 @@
-"""What can go wrong with other people's input, each said in one line.
+"""What can go wrong with other people's input, each reported in one line.
 
 ``EchogridError`` is the base of everything that is the input's fault, not ours: the command line
 prints its message as one line and exits with 2. Anything else is a bug and keeps its traceback.

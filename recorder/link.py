@@ -1,7 +1,7 @@
 """Links that bring bytes: serial devices, sockets, and the same link again after it was cut.
 
 A link hands out what arrives, in pieces as large as they come, each stamped with its arrival, and
-says when it was opened or lost. It knows nothing of lines. This module alone imports pyserial.
+reports when it was opened or lost. It knows nothing of lines. This module alone imports pyserial.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _WRITE_S = 1.0  # how long a write may take
 _CONNECT_S = 3.0
 _FIRST_BACKOFF_S = 0.05
 _LAST_BACKOFF_S = 1.0
-_KEEPALIVE_S = 5  # a host that vanished without a word is given up after some of these
+_KEEPALIVE_S = 5  # a host that vanished silently is given up after some of these
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ class Link:
     def open(self) -> None:
         """Open it now, so that a missing device is known before anything else is begun.
 
-        Raises LinkError, one line that says what to do about it.
+        Raises LinkError, one line with what to do about it.
         """
         if self._port is None:
             try:
@@ -202,7 +202,7 @@ class _SerialPort:
             return _read_now(self._descriptor)
         data: bytes = self._serial.read(1)
         if data:
-            # a hang-up shows here first; what came before it is kept, the next read says why
+            # a hang-up shows here first; what came before it is kept, the next read has the reason
             with contextlib.suppress(OSError):
                 data += self._serial.read(min(self._serial.in_waiting, MAX_CHUNK_BYTES - 1))
         return data
@@ -333,9 +333,9 @@ _ADVICE: Mapping[int, str] = {
 
 
 def _reason(error: OSError) -> str:
-    """An error of the system in a few words, in one line."""
+    """The reason of an error of the system, in one line."""
     number, cause = error.errno, error.__context__
-    if number is None and cause is not None and cause.args:  # pyserial tells it in words alone
+    if number is None and cause is not None and cause.args:  # pyserial has it as text alone
         number = cause.args[0]
     advice = _ADVICE.get(number) if isinstance(number, int) else None
     return advice or " ".join(str(error.strerror or error).split())

@@ -1,4 +1,4 @@
-"""What a robot says, as frozen values: SI units, radians, nanoseconds, with the units in the names.
+"""What a robot measures, as frozen values in SI units, radians and nanoseconds, as the names show.
 
 Every message carries ``t_ns``, the estimated time of measurement in UNIX nanoseconds. When it
 reached the host is kept beside it, in :class:`Record`.
@@ -99,7 +99,29 @@ class Diagnostics:
     counters: Mapping[str, int | float | str] = field(default_factory=dict)
 
 
-Message = Pose | Odometry | Range | Scan | Transform | RawLine | Diagnostics
+@dataclass(frozen=True, slots=True)
+class OccupancyGrid:
+    """A map for other programs: ``percent`` int8 (rows, cols), 0 .. 100 occupied, -1 unknown.
+
+    Row 0 lies at the lowest y; ``origin_m`` is the outer corner of cell (0, 0) in the map frame.
+    """
+
+    t_ns: int
+    layer: str
+    origin_m: tuple[float, float]
+    resolution_m: float
+    percent: NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """The way of the robot, as one message: poses in the map frame with their times."""
+
+    t_ns: int
+    poses: tuple[Pose, ...]
+
+
+Message = Pose | Odometry | Range | Scan | Transform | RawLine | Diagnostics | OccupancyGrid | Path
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,3 +150,7 @@ def topic_of(message: Message) -> str:
             return "/serial/raw"
         case Diagnostics():
             return "/diagnostics"
+        case OccupancyGrid():
+            return f"/map/{message.layer}"
+        case Path():
+            return "/path"

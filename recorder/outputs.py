@@ -41,8 +41,8 @@ def check_room(path: Path, more_bytes: int) -> None:
     """Raises BadInput where the file at ``path`` cannot grow by so much.
 
     The disk may be full, or a file may not become so large, or the user's share of the disk is
-    used up already. A share that is nearly used up is not noticed. Where the system cannot tell,
-    there is room.
+    used up already. A share that is nearly used up is not noticed. Where the system does not
+    know, there is room.
     """
     lacking = _what_lacks(path, more_bytes)
     if lacking is not None:

@@ -1,4 +1,4 @@
-"""A student's own Python file, run as it stands, with every failure said in one line.
+"""A student's own Python file, run as it stands, with every failure reported in one line.
 
 The file is run as Python: load only files that you trust.
 """
@@ -36,7 +36,7 @@ def run_file(path: Path) -> ModuleType:
 
 
 def one_line(error: BaseException) -> str:
-    """The words of an error, without line ends."""
+    """The text of an error, without line ends."""
     return " ".join(str(error).split())
 
 

@@ -21,7 +21,7 @@ from recorder.protocols.rbc import RbcProtocol
 from recorder.protocols.reports import Fault, HelloReport, Packet, RangeReport
 
 BAUDS = (115200, 9600)
-LISTEN_S = 2.5  # a board that was restarted by the opening takes up to 2 s to speak
+LISTEN_S = 2.5  # a board that was restarted by the opening takes up to 2 s to send
 
 _ENOUGH_ROWS = 3
 _ENOUGH_BYTES = 4096  # so many without sense, and there is none at this speed
@@ -36,11 +36,11 @@ class PortReport:
     device: str
     protocol: str = ""
     baud: int = 0
-    detail: str = ""  # who speaks, what was heard, or why it could not be opened
+    detail: str = ""  # which robot, what was received, or why it could not be opened
 
     @property
     def verdict(self) -> str:
-        """In a few words."""
+        """The finding, on one line."""
         return f"{self.protocol}, {self.baud}" if self.protocol else self.detail
 
 
@@ -59,7 +59,7 @@ def probe_ports(
 
 
 def judge(data: bytes, *, hands_shaken: bool = False) -> tuple[str, str]:
-    """What bytes are: the protocol, empty when unknown, and what it says of itself."""
+    """What bytes are: the protocol, empty when unknown, and what describes the device."""
     packets = EchogridProtocol().feed(data)
     sound = [packet for packet in packets if packet.seq is not None]
     if sound:
@@ -76,7 +76,7 @@ def judge(data: bytes, *, hands_shaken: bool = False) -> tuple[str, str]:
 
 
 def _probe(device: str, bauds: Iterable[int], listen_s: float, write: bool) -> PortReport:
-    heard = b""
+    received = b""
     for baud in bauds:
         try:
             data, shaken = _listen(device, baud, listen_s, write)
@@ -85,8 +85,8 @@ def _probe(device: str, bauds: Iterable[int], listen_s: float, write: bool) -> P
         name, detail = judge(data, hands_shaken=shaken)
         if name:
             return PortReport(device, name, baud, detail)
-        heard = max(heard, data, key=len)
-    return PortReport(device, detail=_sample(heard) if heard else "silent")
+        received = max(received, data, key=len)
+    return PortReport(device, detail=_sample(received) if received else "silent")
 
 
 def _listen(device: str, baud: int, listen_s: float, write: bool) -> tuple[bytes, bool]:
@@ -94,18 +94,18 @@ def _listen(device: str, baud: int, listen_s: float, write: bool) -> tuple[bytes
     stop = threading.Event()
     link = Link(device, baud, clock=HostClock())
     link.open()
-    speaker: Protocol | None = RbcProtocol() if write and baud == RbcProtocol.default_baud else None
+    greeter: Protocol | None = RbcProtocol() if write and baud == RbcProtocol.default_baud else None
     timer = threading.Timer(listen_s, stop.set)
     timer.start()
     data, shaken = b"", False
     try:
-        if speaker is not None:
-            link.write(speaker.greeting())
+        if greeter is not None:
+            link.write(greeter.greeting())
         for event in link.events(stop):
             if isinstance(event, LinkEvent):
                 continue
             data += event.data
-            for packet in speaker.feed(event.data) if speaker is not None else ():
+            for packet in greeter.feed(event.data) if greeter is not None else ():
                 shaken |= bool(packet.reply) and link.write(packet.reply)
             if judge(data, hands_shaken=shaken)[0] or len(data) > _ENOUGH_BYTES:
                 break

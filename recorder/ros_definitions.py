@@ -48,6 +48,15 @@ float32[] intensities
 std_msgs/Header header
 diagnostic_msgs/DiagnosticStatus[] status
 """,
+    "nav_msgs/OccupancyGrid": """\
+std_msgs/Header header
+nav_msgs/MapMetaData info
+int8[] data
+""",
+    "nav_msgs/Path": """\
+std_msgs/Header header
+geometry_msgs/PoseStamped[] poses
+""",
     "std_msgs/String": """\
 string data
 """,
@@ -57,6 +66,17 @@ _PARTS: dict[str, str] = {
     "std_msgs/Header": """\
 builtin_interfaces/Time stamp
 string frame_id
+""",
+    "nav_msgs/MapMetaData": """\
+builtin_interfaces/Time map_load_time
+float32 resolution
+uint32 width
+uint32 height
+geometry_msgs/Pose origin
+""",
+    "geometry_msgs/PoseStamped": """\
+std_msgs/Header header
+geometry_msgs/Pose pose
 """,
     "builtin_interfaces/Time": """\
 int32 sec

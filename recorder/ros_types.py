@@ -24,7 +24,9 @@ from recorder.messages import (
     ODOM_FRAME,
     Diagnostics,
     Message,
+    OccupancyGrid,
     Odometry,
+    Path,
     Pose,
     Radiation,
     Range,
@@ -154,14 +156,27 @@ def _transform_fields(m: Any) -> dict[str, Any]:
     return {"transforms": [{**stamped, "transform": transform}]}
 
 
-def _raw_fields(m: Any) -> dict[str, Any]:
-    return {"data": m.text}
-
-
 def _diagnostics_fields(m: Any) -> dict[str, Any]:
     values = [{"key": key, "value": str(value)} for key, value in m.counters.items()]
     status = {"level": 0, "name": m.name, "message": "", "hardware_id": "", "values": values}
     return {"header": _header(m.t_ns, ""), "status": [status]}
+
+
+def _occupancy_cdr(m: OccupancyGrid) -> bytes:
+    """A map as bytes: it has millions of cells, which the library would write one by one."""
+    frame = MAP_FRAME.encode() + b"\0"
+    stamp = _stamp(m.t_ns)
+    head = struct.pack("<iII", stamp["sec"], stamp["nanosec"], len(frame)) + frame
+    head += bytes(-len(head) % 4)
+    rows, cols = m.percent.shape
+    head += struct.pack("<iIfII", stamp["sec"], stamp["nanosec"], m.resolution_m, cols, rows)
+    head += bytes(-len(head) % 8)
+    head += struct.pack("<7dI", *m.origin_m, 0.0, 0.0, 0.0, 0.0, 1.0, m.percent.size)
+    return _LITTLE_ENDIAN + head + np.ascontiguousarray(m.percent, np.int8).tobytes()
+
+
+def _path_fields(m: Path) -> dict[str, Any]:
+    return {"header": _header(m.t_ns, MAP_FRAME), "poses": [_pose_fields(p) for p in m.poses]}
 
 
 _TYPES: dict[type, tuple[str, Callable[[Any], dict[str, Any] | bytes]]] = {
@@ -170,8 +185,10 @@ _TYPES: dict[type, tuple[str, Callable[[Any], dict[str, Any] | bytes]]] = {
     Range: ("sensor_msgs/msg/Range", _range_cdr),
     Scan: ("sensor_msgs/msg/LaserScan", _scan_fields),
     Transform: ("tf2_msgs/msg/TFMessage", _transform_fields),
-    RawLine: ("std_msgs/msg/String", _raw_fields),
+    RawLine: ("std_msgs/msg/String", lambda m: {"data": m.text}),
     Diagnostics: ("diagnostic_msgs/msg/DiagnosticArray", _diagnostics_fields),
+    OccupancyGrid: ("nav_msgs/msg/OccupancyGrid", _occupancy_cdr),
+    Path: ("nav_msgs/msg/Path", _path_fields),
 }
 
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import datetime
 from collections.abc import Callable, Iterator, Mapping
 
-from recorder.oddities import oddities
+from recorder.anomalies import anomalies
 from recorder.session import SessionReader
-from recorder.session_parts import PART, parts_beside
-from recorder.survey import Readings, Survey, Times, Track
+from recorder.session.parts import PART, parts_beside
+from recorder.session.stats import Readings, SessionStats, Times, Track
 
 _LONGEST_VALUE = 100
 _PROGRESS_EVERY = 2000
@@ -23,16 +23,16 @@ def summary_lines(
     The session is gone through once, in constant memory; ``progress(bytes)`` is called now and
     then. Raises BadInput, before the first line, where nothing of the file can be used.
     """
-    survey = Survey()
+    session_stats = SessionStats()
     for number, record in enumerate(reader.records()):
-        survey.take(record)
+        session_stats.take(record)
         if progress is not None and number % _PROGRESS_EVERY == 0:
             progress(reader.position)
-    yield f"{reader.path.name}: {counted(reader.messages, 'message')}{_when(survey)}"
+    yield f"{reader.path.name}: {counted(reader.messages, 'message')}{_when(session_stats)}"
     for channel in sorted(reader.channels.values(), key=lambda c: c.topic):
         text = f"{channel.messages:7}"
         if channel.understood:
-            yield f"  {channel.topic:20} {text}  {_describe(channel.topic, survey)}".rstrip()
+            yield f"  {channel.topic:20} {text}  {_describe(channel.topic, session_stats)}".rstrip()
         else:
             kind = channel.type_name or "no definition"
             yield f"  {channel.topic:20} {text}  not understood ({kind})"
@@ -40,7 +40,7 @@ def summary_lines(
     for name, data in reader.attachments.items():
         yield f"  attachment {name}, {counted(len(data), 'byte')}"
     yield from _parts(reader)
-    for finding in oddities(survey, reader.metadata):
+    for finding in anomalies(session_stats, reader.metadata):
         yield f"  odd: {finding}"
     if reader.unverified:
         unverified = counted(reader.unverified, "message")
@@ -53,9 +53,9 @@ def counted(number: int, thing: str) -> str:
     return f"{number} {thing}{'s' * (number != 1)}"
 
 
-def _when(survey: Survey) -> str:
+def _when(session_stats: SessionStats) -> str:
     """Begin and length of a session."""
-    measured = [times for topic, times in survey.times.items() if topic != "/tf_static"]
+    measured = [times for topic, times in session_stats.times.items() if topic != "/tf_static"]
     if not measured:
         return ""
     first_ns = min(times.first_ns for times in measured)
@@ -67,27 +67,27 @@ def _when(survey: Survey) -> str:
     return text
 
 
-def _describe(topic: str, survey: Survey) -> str:
-    times = survey.times.get(topic)
+def _describe(topic: str, session_stats: SessionStats) -> str:
+    times = session_stats.times.get(topic)
     if times is None:
         return ""
     pieces = []
     if times.span_s > 0.0:
-        pieces += [f"{times.rate_hz:7.1f}/s", _gaps(times, survey)]
-    if topic in survey.readings:
-        pieces.append(_ranges(survey.readings[topic]))
-    if topic in survey.tracks:
-        pieces.append(_extent(survey.tracks[topic]))
-    if topic in survey.sweeps:
-        sweeps = survey.sweeps[topic]
+        pieces += [f"{times.rate_hz:7.1f}/s", _gaps(times, session_stats)]
+    if topic in session_stats.readings:
+        pieces.append(_ranges(session_stats.readings[topic]))
+    if topic in session_stats.tracks:
+        pieces.append(_extent(session_stats.tracks[topic]))
+    if topic in session_stats.sweeps:
+        sweeps = session_stats.sweeps[topic]
         pieces.append(f"{sweeps.seen / max(sweeps.beams, 1):.0%} of {sweeps.beams} beams saw")
     return "  ".join(piece for piece in pieces if piece)
 
 
-def _gaps(times: Times, survey: Survey) -> str:
+def _gaps(times: Times, session_stats: SessionStats) -> str:
     if not times.gaps:
         return "no gaps"
-    at_s = survey.seconds_at(times.longest_at_ns)
+    at_s = session_stats.seconds_at(times.longest_at_ns)
     return f"gaps {times.gaps} (longest {times.longest_ns / 1e9:.2f} s, at {at_s:.1f} s)"
 
 
@@ -113,18 +113,18 @@ def _metadata(metadata: Mapping[str, object]) -> Iterator[str]:
             lost = value.get("lost", [])
             yield from (f"    {line}" for line in (lost if isinstance(lost, list) else [lost]))
         elif isinstance(value, Mapping) and any(isinstance(v, Mapping) for v in value.values()):
-            yield from (f"  {key}.{name} = {_said(inner)}" for name, inner in value.items())
+            yield from (f"  {key}.{name} = {_value_text(inner)}" for name, inner in value.items())
         elif key != PART:
-            yield f"  {key} = {_said(value)}"
+            yield f"  {key} = {_value_text(value)}"
 
 
-def _said(value: object) -> str:
+def _value_text(value: object) -> str:
     """A value of the metadata for people: ``echogrid 0.1.0, python 3.11``; nothing is ``none``."""
     match value:
         case Mapping():
-            text = ", ".join(f"{name} {_said(inner)}" for name, inner in value.items())
+            text = ", ".join(f"{name} {_value_text(inner)}" for name, inner in value.items())
         case list() | tuple():
-            text = ", ".join(_said(inner) for inner in value)
+            text = ", ".join(_value_text(inner) for inner in value)
         case bool():
             text = "yes" if value else "no"
         case None:

@@ -59,7 +59,9 @@ class Tracker:
 
     def __init__(self, source: ByteSource, *, px_per_m: float | None = None) -> None:
         self._source = source
-        self._units_per_m = _scale(px_per_m)
+        if px_per_m is not None and not (math.isfinite(px_per_m) and px_per_m > 0.0):
+            raise BadInput(f"a tracker of {px_per_m} pixels per metre makes no sense")
+        self._units_per_m = 1.0 if px_per_m is None else px_per_m
 
     def events(self, stop: threading.Event) -> Iterator[TrackerEvent]:
         """Poses, bad lines and changes of the link, in order of arrival, until ``stop`` is set.
@@ -76,20 +78,17 @@ class Tracker:
                 yield read_pose(line, event.arrival_ns, self._units_per_m)
 
 
-def open_tracker(
-    url: str, *, clock: Clock, px_per_m: float | None = None, wait: bool = False
-) -> Tracker:
+def open_tracker(url: str, *, clock: Clock, px_per_m: float | None = None) -> Tracker:
     """A tracker at ``tcp://HOST:PORT`` (we connect) or ``udp://HOST:PORT`` (we listen).
 
-    ``px_per_m`` says that it speaks in pixels. It is connected at once, LinkError if that fails,
-    unless ``wait`` is set; BadInput on an address or a scale that cannot be.
+    ``px_per_m``: it sends pixels, so many a metre. It is connected at once, LinkError if that
+    fails; BadInput on an address or a scale that cannot be.
     """
     if not url.startswith(("tcp://", "udp://")):
         raise BadInput(f"{url}: a tracker is tcp://HOST:PORT or udp://HOST:PORT")
-    link = Link(url, clock=clock, wait=wait)
+    link = Link(url, clock=clock)
     tracker = Tracker(link, px_per_m=px_per_m)
-    if not wait:
-        link.open()
+    link.open()
     return tracker
 
 
@@ -139,14 +138,6 @@ def _number(fields: dict[str, Any], name: str) -> float | None:
     except OverflowError:  # a whole number of more than 308 digits
         return None
     return number if math.isfinite(number) else None
-
-
-def _scale(px_per_m: float | None) -> float:
-    if px_per_m is None:
-        return 1.0
-    if not (math.isfinite(px_per_m) and px_per_m > 0.0):
-        raise BadInput(f"a tracker of {px_per_m} pixels per metre makes no sense")
-    return px_per_m
 
 
 class _Lines:

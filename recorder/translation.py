@@ -6,11 +6,10 @@ arrival, ``(log_ns, message)`` pairs come out, and a tally is kept of everything
 
 from __future__ import annotations
 
-import dataclasses
 import logging
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 from recorder.clock import DeviceClock
 from recorder.geometry import SE2
@@ -28,10 +27,10 @@ from recorder.protocols.reports import (
     Report,
     WheelReport,
 )
-from recorder.sensors import BUILT_IN_SENSORS, UNKNOWN_SENSOR, SensorParameters
+from recorder.sensors import UNKNOWN_KIND, SensorParameters, guess_kind
 from recorder.tracker import BadTrackerLine, TrackedPose, TrackerEvent
 
-_LARGEST_GAP = 1000  # lines that may go missing at once when the device's clock says nothing of it
+_LARGEST_GAP = 1000  # lines that may go missing at once when the device's clock does not show it
 _MAX_LINES_PER_MS = 2
 
 _log = logging.getLogger(__name__)
@@ -39,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class RecordingCounters:
-    """What was received, written and lost, in lines of the serial link unless said otherwise."""
+    """What was received, written and lost, in lines of the serial link unless noted otherwise."""
 
     received: int = 0  # sound, and understood
     unknown_kind: int = 0  # sound, but of a kind that we do not know
@@ -48,9 +47,9 @@ class RecordingCounters:
     cut: int = 0
     overlong: int = 0
     noise: int = 0  # stretches of bytes that belong to no line
-    header: int = 0  # words above columns of numbers
+    header: int = 0  # names above columns of numbers
     blank: int = 0  # lines of nothing
-    invalid_values: int = 0  # in lines that were received: no measurement, says the device
+    invalid_values: int = 0  # in lines that were received: no measurement, by the device
     gaps: int = 0  # never arrived soundly, by their sequence numbers
     duplicates: int = 0  # with the sequence number of the line before
     reconnects: int = 0
@@ -68,8 +67,7 @@ class RecordingCounters:
 
     def numbers(self) -> dict[str, int]:
         """All counters that are numbers, by name."""
-        values = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        return {name: value for name, value in values.items() if isinstance(value, int)}
+        return {name: n for name, n in asdict(self).items() if isinstance(n, int)}
 
 
 def raw_line(packet: Packet, arrival_ns: int) -> RawLine:
@@ -88,13 +86,13 @@ class Translator:
     ) -> None:
         self.tally: Counter[str] = Counter()
         self.hello: HelloReport | None = None
-        self._sensors = {**BUILT_IN_SENSORS, **(sensors or {})}
+        self._sensors = dict(sensors or {})
         self._dead_reckoning = DeadReckoning(wheels) if wheels is not None else None
         self._clock = DeviceClock()
         self._seq: int | None = None
 
     def packet(self, packet: Packet, arrival_ns: int) -> Iterator[tuple[int, Message]]:
-        """The raw line, and what it says if it says anything."""
+        """The raw line, and the messages that it carries if any."""
         yield arrival_ns, raw_line(packet, arrival_ns)
         if packet.fault is not None:
             self.tally[packet.fault.value] += 1
@@ -102,11 +100,15 @@ class Translator:
             self.tally["received"] += 1
         t_ns = self._measured_ns(packet, arrival_ns)
         self.tally["invalid_values"] += packet.invalid
-        reports = () if packet.report is None else (packet.report, *packet.more)
-        for report in reports:
+        for message in self.reports(packet, t_ns):
+            yield arrival_ns, message
+
+    def reports(self, packet: Packet, t_ns: int) -> Iterator[Message]:
+        """The messages of a packet that was measured at ``t_ns``."""
+        for report in () if packet.report is None else (packet.report, *packet.more):
             message = self._message(report, t_ns)
             if message is not None:
-                yield arrival_ns, message
+                yield message
 
     def link_event(self, event: LinkEvent) -> None:
         """The serial link was opened, lost or opened again."""
@@ -180,7 +182,10 @@ class Translator:
     def _range(self, report: RangeReport, t_ns: int) -> Range:
         sensor = self._sensors.get(report.sensor)
         if sensor is None:
-            sensor = self._sensors[report.sensor] = UNKNOWN_SENSOR
-            self.tally["unknown_sensors"] += 1
-            _log.warning("sensor %s is not known: taken for an ultrasonic one", report.sensor)
+            kind = guess_kind(report.sensor)
+            if kind is None:
+                kind = UNKNOWN_KIND
+                self.tally["unknown_sensors"] += 1
+                _log.warning("sensor %s is not known: taken for an ultrasonic one", report.sensor)
+            sensor = self._sensors[report.sensor] = kind.parameters
         return sensor.reading(t_ns, report.sensor, report.range_m)

@@ -1,4 +1,4 @@
-"""Which echogrid made a file: told in every session and every export."""
+"""Which echogrid made a file: noted in every session and every export."""
 
 from __future__ import annotations
 

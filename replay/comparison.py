@@ -25,7 +25,7 @@ _COMMAS = re.compile(r",(?![^\[{\"']*[\]}\"'])")  # not those inside a list, a t
 
 @dataclass(frozen=True, slots=True)
 class Variant:
-    """One of the maps to be compared: its name, all its settings, and what must be said of it."""
+    """One of the maps to be compared: its name, all its settings, and a note on it."""
 
     name: str
     config: MappingConfig
@@ -44,8 +44,8 @@ def from_files(
         try:
             config = load_config([file], settings, preset)
         except BadInput as error:
-            told = str(error)
-            raise BadInput(told if str(file) in told else f"{file}: {told}") from None
+            reason = str(error)
+            raise BadInput(reason if str(file) in reason else f"{file}: {reason}") from None
         variants.append(Variant(_name(file.stem), config))
     return _distinct(variants)
 
@@ -98,14 +98,14 @@ def _key_and_values(compare: str) -> tuple[str, list[str]]:
 
 
 def _shorthand(known: Mapping[str, tuple[str, list[str]]], compare: str) -> tuple[str, list[str]]:
-    """The key and values of a word. Raises BadInput, with the key that is missing if it can."""
-    words = [word.strip() for word in compare.split(",")]
-    if len(words) == 1:
+    """The key and values of a shorthand. Raises BadInput, with the missing key if it can."""
+    given = [value.strip() for value in compare.split(",")]
+    if len(given) == 1:
         try:
             return choose(known, compare, "comparison")
         except BadInput as error:
             raise BadInput(f"{error}, or A.B=C,D with values of one key") from None
-    keys = [key for key, values in known.values() if set(words) <= set(values)]
+    keys = [key for key, values in known.values() if set(given) <= set(values)]
     meant = f"{keys[0]}={compare}" if keys else f"A.B={compare}"
     raise BadInput(f"--compare {compare}: values of which key? Write --compare {meant}")
 
@@ -119,10 +119,10 @@ def _keys(key: str, base: MappingConfig) -> list[str]:
 
 
 def _label(key: str, value: str) -> str:
-    """The value, with the last part of its key where it says nothing by itself: 0.05, true."""
-    word = value.strip("\"'/[]{} ")
-    speaks = re.match(r"[^\W\d]", word) and word not in ("true", "false", "on", "off", "none")
-    return word if speaks else f"{key.rpartition('.')[2]}-{word}"
+    """The value, with the last part of its key where it means nothing by itself: 0.05, true."""
+    text = value.strip("\"'/[]{} ")
+    is_name = re.match(r"[^\W\d]", text) and text not in ("true", "false", "on", "off", "none")
+    return text if is_name else f"{key.rpartition('.')[2]}-{text}"
 
 
 def _name(text: str) -> str:

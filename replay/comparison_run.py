@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,20 +14,15 @@ from mapping.pipeline import build_maps
 from recorder.errors import BadInput
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
+from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.comparison import Variant
-from replay.comparison_steps import Distances, Moment, in_step, readings_of
+from replay.comparison_steps import Distances, Moment, beams_of, in_step
 from replay.exports import Exporter, exporter_for
-from replay.mapping_run import (
-    PROGRESS_EVERY,
-    RunResult,
-    reading_count,
-    result_of,
-    true_walls,
-)
+from replay.mapping_run import RunResult, reading_count, result_of, with_progress
 
 if TYPE_CHECKING:
-    from replay.rrd.comparison import ComparisonWriter
+    from replay.rrd.writer import RrdWriter
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +60,10 @@ def compare_session(
         if writer is not None:
             stack.enter_context(writer)
         moments = in_step(runs, session.messages())
-        for moment in _counted(moments, progress, reading_count(session)):
+        total = reading_count(session)
+        for moment in with_progress(moments, lambda m: bool(beams_of(m)), progress, total):
             if writer is not None:
-                writer.take(moment)
+                writer(moment)
             for name, artifact in moment.items():
                 if exporters:
                     exporters[name](artifact)
@@ -83,21 +79,6 @@ def compare_session(
     return Comparison(results, distances)
 
 
-def _counted(
-    moments: Iterable[Moment], progress: Callable[[int, int], None] | None, total: int
-) -> Iterator[Moment]:
-    """The moments, while ``progress`` is told how many readings have gone by."""
-    readings = 0
-    for moment in moments:
-        yield moment
-        if readings_of(moment):
-            readings += 1
-            if progress is not None and readings % PROGRESS_EVERY == 0:
-                progress(readings, total)
-    if progress is not None:
-        progress(total, total)  # those that were dropped came to no beam
-
-
 def _begun(session: Session, variant: Variant) -> Iterator[Artifact]:
     """A run that has made its first artifact: one that cannot be mapped leaves no file behind."""
     run = _named(variant, session)
@@ -107,7 +88,9 @@ def _begun(session: Session, variant: Variant) -> Iterator[Artifact]:
 def _named(variant: Variant, session: Session) -> Iterator[Artifact]:
     """A run whose troubles bear its name."""
     try:
-        yield from build_maps(session.messages(), variant.config, walls_m=true_walls(session))
+        yield from build_maps(
+            session.messages(), variant.config, walls_m=true_walls(session.attachments)
+        )
     except BadInput as error:
         raise BadInput(f"{variant.name}: {error}") from None
 
@@ -122,12 +105,12 @@ def _exporters(
     }
 
 
-def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> ComparisonWriter | None:
+def _writer(variants: Sequence[Variant], rrd: Path | None, name: str) -> RrdWriter[Moment] | None:
     if rrd is None:
         return None
-    from replay.rrd.comparison import ComparisonWriter
+    from replay.rrd.comparison import comparison_writer
 
-    return ComparisonWriter(
+    return comparison_writer(
         rrd, variants, name=name,
         every=max(each.config.rerun.every for each in variants),
         budget_mb=_budget_mb(variants),

@@ -38,7 +38,7 @@ SAME_PLACE_M = 1e-9  # what is nearer counts as the same pose
 _AFTER_ITS_READING, _AT_THE_END = 3.0, math.inf
 
 
-class Session:
+class SessionOrder:
     """Where each reading stands in the session, by sensor, time and which one of that time."""
 
     def __init__(self, messages: Iterable[Message]) -> None:
@@ -84,23 +84,24 @@ def _nth(sensor: str, t_ns: int, seen: Counter[tuple[str, int]]) -> Reading:
 
 def _place_of_result(artifact: Artifact, reading: float, layers: Mapping[str, int]) -> Place | None:
     """The stages after a reading, in the order in which the method takes them, layer by layer."""
-    order = {**layers, FUSED: len(layers)}
+
+    def of_layer(stage: float, name: str, *rank: float) -> Place:
+        return (*after, stage, float({**layers, FUSED: len(layers)}.get(name, 0)), *rank)
+
     after = (reading, _AFTER_ITS_READING)
     match artifact:
         case Classes():
             return (*after, 0.0)
         case Snapshot():
-            return (*after, 1.0, order.get(artifact.layer.name, 0))
+            return of_layer(1.0, artifact.layer.name)
         case Thresholded():
-            return (*after, 2.0, order.get(artifact.layer, 0), 0.0)
+            return of_layer(2.0, artifact.layer, 0.0)
         case Border():
-            return (*after, 2.0, order.get(artifact.layer, 0), 1.0)
-        case Segment(source="grid"):
-            return (*after, 2.0, order.get(artifact.layer, 0), 2.0)
-        case RawPoints():
-            return (*after, 3.0, order.get(artifact.layer, 0), 0.0)
+            return of_layer(2.0, artifact.layer, 1.0)
         case Segment():
-            return (*after, 3.0, order.get(artifact.layer, 0), 1.0)
+            return of_layer(2.0 if artifact.source == "grid" else 3.0, artifact.layer, 2.0)
+        case RawPoints():
+            return of_layer(3.0, artifact.layer, 0.0)
         case Finished():
             return (*after, 4.0)
     return None
@@ -114,8 +115,8 @@ def in_step(
     ``messages`` are those that the runs were made from. Every artifact of every run comes exactly
     once, and those of one run in their own order.
     """
-    session = Session(messages)
-    placed = {name: session.places(run) for name, run in runs.items()}
+    order = SessionOrder(messages)
+    placed = {name: order.places(run) for name, run in runs.items()}
     heads = {name: head for name, run in placed.items() if (head := next(run, None)) is not None}
     while heads:
         furthest_back = min(place for place, _ in heads.values())
@@ -144,7 +145,7 @@ class Distances:
         self.last: dict[str, tuple[float, float]] = {}
 
     def take(self, moment: Moment) -> None:
-        """Look at one moment; those at which no reading begins tell nothing."""
+        """Look at one moment; those at which no reading begins are passed over."""
         if any(isinstance(artifact, Started) for artifact in moment.values()):
             self.first = next(iter(moment))
         beams = {name: a for name, a in moment.items() if isinstance(a, Beam)}
@@ -155,7 +156,7 @@ class Distances:
             self.last[name] = apart(here, beam.world_from_base)
             self.largest_m[name] = max(self.largest_m.get(name, 0.0), self.last[name][0])
 
-    def told(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """A sentence for each run whose robot is not where the first one has it."""
         return [
             f"{name}: the robot ends {self.last[name][0]:.3f} m and "
@@ -166,6 +167,6 @@ class Distances:
         ]
 
 
-def readings_of(moment: Moment) -> list[Beam]:
+def beams_of(moment: Moment) -> list[Beam]:
     """The beams of a moment at which a reading begins; none at any other."""
     return [artifact for artifact in moment.values() if isinstance(artifact, Beam)]

@@ -1,4 +1,4 @@
-"""How the finished maps of a comparison differ, in a few numbers for each."""
+"""How the finished maps of a comparison differ: a row of numbers for each."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from mapping.artifacts import Segment, Snapshot
 from mapping.fusion import FUSED
 from mapping.grid import GridGeometry, Layer
+from mapping.update_rules import UPDATE_RULES
 
 NEVER_SEEN, FREE, UNDECIDED, OCCUPIED = range(4)
 _REFERENCE = "bayes"  # the rule that the others are held against, where it takes part
-_NEVER_EMPTY = ("binary", "count", "sum", "himm")  # nothing lies below what was never hit
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class MapRow:
     """One finished layer: its cells by what they are taken for, and how far it is from one of all.
 
     ``differs`` is the share of the cells seen in either map that the two take for different
@@ -34,10 +34,10 @@ class Line:
     differs: float | None
 
 
-def comparison_lines(
+def map_rows(
     snapshots: Mapping[str, Sequence[Snapshot]], layer: str, thresholds: Mapping[str, float]
-) -> list[Line]:
-    """A line for each map that has the layer, in their order.
+) -> list[MapRow]:
+    """A row for each map that has the layer, in their order.
 
     ``thresholds`` are the probabilities above which a cell counts as occupied, by map; as far
     below 0.5 it counts as free. The others are held against the map of the rule ``bayes``, or
@@ -52,15 +52,15 @@ def comparison_lines(
                 found[name] = (snapshot.layer.geometry, states)
                 rules[name] = _rules(some, snapshot)
     against = _REFERENCE if rules.get(_REFERENCE) == _REFERENCE else next(iter(found), "")
-    lines = []
+    rows = []
     for name, here in found.items():
         count = np.bincount(here[1].ravel(), minlength=4)
         differs = None if name == against else _differing(found[against], here)
-        lines.append(Line(
+        rows.append(MapRow(
             name, layer, rules[name], int(count[OCCUPIED]), int(count[FREE]),
             int(count[UNDECIDED]), differs,
         ))  # fmt: skip
-    return lines
+    return rows
 
 
 def _rules(all_of_it: Sequence[Snapshot], snapshot: Snapshot) -> str:
@@ -101,25 +101,25 @@ def shown_layer(snapshots: Mapping[str, Sequence[Snapshot]]) -> str:
     return (common or named[0])[-1]
 
 
-def table_of(lines: Sequence[Line]) -> list[tuple[str, ...]]:
-    """The same as rows of words, a head before them; rules that tell nothing new are left out."""
-    rows: list[tuple[str, ...]]
-    against = next(line.name for line in lines if line.differs is None)
-    rows = [("map", "rule", "occupied", "free", "undecided", f"differs from {against}")]
-    for line in lines:
-        differs = "" if line.differs is None else f"{100 * line.differs:.1f} %"
-        counts = (f"{count:,}" for count in (line.occupied, line.free, line.undecided))
-        rows.append((line.name, line.rule, *counts, differs))
-    named_so = all(line.rule == line.name for line in lines)
-    if named_so or len({line.rule for line in lines}) == 1:
-        return [(row[0], *row[2:]) for row in rows]
-    return rows
+def table_of(rows: Sequence[MapRow]) -> list[tuple[str, ...]]:
+    """The same as rows of text, the head first; the rule is left out where it adds nothing."""
+    table: list[tuple[str, ...]]
+    against = next(row.name for row in rows if row.differs is None)
+    table = [("map", "rule", "occupied", "free", "undecided", f"differs from {against}")]
+    for row in rows:
+        differs = "" if row.differs is None else f"{100 * row.differs:.1f} %"
+        counts = (f"{count:,}" for count in (row.occupied, row.free, row.undecided))
+        table.append((row.name, row.rule, *counts, differs))
+    named_so = all(row.rule == row.name for row in rows)
+    if named_so or len({row.rule for row in rows}) == 1:
+        return [(line[0], *line[2:]) for line in table]
+    return table
 
 
-def footnotes(lines: Sequence[Line]) -> list[str]:
-    """What must be known to read the table: which maps cannot say that a cell is empty."""
-    used = {rule for line in lines for rule in line.rule.split(", ")}
-    some = [rule for rule in _NEVER_EMPTY if rule in used]
+def footnotes(rows: Sequence[MapRow]) -> list[str]:
+    """What must be known to read the table: which maps hold no evidence for free cells."""
+    used = {rule for row in rows for rule in row.rule.split(", ")}
+    some = [rule.name for rule in UPDATE_RULES.values() if rule.never_free and rule.name in used]
     if not some:
         return []
     verb = "know" if len(some) > 1 else "knows"

@@ -28,10 +28,10 @@ def record_demo(
     session: Path, *, room: str, duration_s: float, seed: int, speed: float, quiet: bool
 ) -> None:
     """Record the simulated robot over a pseudo-terminal, its poses over TCP."""
-    from recorder.controls import Controls, signals
-    from recorder.recording_options import RecordingOptions
-    from recorder.recording_run import opened_source, record_line
-    from recorder.screen import open_screen
+    from recorder.recording.controls import Controls, signals
+    from recorder.recording.options import RecordingOptions
+    from recorder.recording.run import opened_source, record_line
+    from recorder.recording.screen import open_screen
 
     controls = Controls()
     plan = RecordingOptions(duration_s=duration_s, force=True)

@@ -23,6 +23,7 @@ from mapping.artifacts import Artifact, Border, RawPoints, Snapshot
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.grid import Layer
+from mapping.update_rules import rule_of, unit_gives_start
 from recorder.errors import BadInput, OutputExists
 from recorder.outputs import written_beside
 from recorder.versions import own_version
@@ -77,7 +78,7 @@ class Exporter:
             segments = [s for s in results.segments if s.layer == name]
             on_grid = [s for s in segments if s.source == "grid"]
             raw = [s for s in segments if s.source == "raw"]
-            yield f"{name}.npz", layer_npz(layer)
+            yield f"{name}.npz", layer_npz(layer, snapshot.rule)
             yield f"{name}.pgm", layer_pgm(layer)
             yield f"{name}.yaml", map_server_yaml(layer).encode()
             yield f"{name}.borders.json", borders_json(borders).encode()
@@ -113,10 +114,11 @@ def exporter_for(directory: Path, config: MappingConfig, *, force: bool) -> Expo
     )  # fmt: skip
 
 
-def layer_npz(layer: Layer) -> bytes:
+def layer_npz(layer: Layer, rule: str = "") -> bytes:
     """NumPy archive: ``values`` float32 [row, col], ``origin_m`` (2,), ``resolution_m``, names.
 
-    The rule's further arrays are added under their own names.
+    The rule's further arrays are added under their own names, and what a cell began with where a
+    reader does not know it from the unit.
     """
     arrays: dict[str, NDArray[Any]] = {
         **layer.extra,
@@ -126,6 +128,9 @@ def layer_npz(layer: Layer) -> bytes:
         "kind": np.array(layer.kind),
         "layer": np.array(layer.name),
     }
+    start = rule_of(layer.kind, rule).start_value
+    if not unit_gives_start(layer.kind, start):
+        arrays["start"] = np.array(start, np.float32)
     file = io.BytesIO()
     np.savez_compressed(file, **arrays)  # type: ignore[arg-type]
     return file.getvalue()
@@ -148,7 +153,7 @@ def layer_pgm(layer: Layer) -> bytes:
 def map_server_yaml(layer: Layer) -> str:
     """What nav2's map_server reads beside the picture; the origin is the lower left corner."""
     x, y = layer.geometry.origin_m
-    said = {
+    fields = {
         "image": f"{layer.name}.pgm",
         "mode": "trinary",
         "resolution": float(layer.geometry.resolution_m),
@@ -157,14 +162,14 @@ def map_server_yaml(layer: Layer) -> str:
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,
     }
-    text: str = yaml.safe_dump(said, sort_keys=False, default_flow_style=None, allow_unicode=True)
+    text: str = yaml.safe_dump(fields, sort_keys=False, default_flow_style=None, allow_unicode=True)
     return text
 
 
 def borders_json(borders: Sequence[Border]) -> str:
     """A list of ``{"outer": bool, "cells": [[row, col], ...]}``, cells in trace order."""
-    said = [{"outer": bool(b.outer), "cells": b.cells.tolist()} for b in borders]
-    return json.dumps(said) + "\n"
+    content = [{"outer": bool(b.outer), "cells": b.cells.tolist()} for b in borders]
+    return json.dumps(content) + "\n"
 
 
 def points_csv(points: Sequence[RawPoints]) -> str:

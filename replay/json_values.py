@@ -1,4 +1,4 @@
-"""Anything as values that JSON can say."""
+"""Anything as values that JSON can hold."""
 
 from __future__ import annotations
 

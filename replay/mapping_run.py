@@ -3,33 +3,31 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import TYPE_CHECKING, TypeVar
 
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.beams import Beam
 from mapping.config import MappingConfig
-from mapping.config_text import commented_toml
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.messages import Range, Scan
 from recorder.outputs import check_output
-from recorder.session import WALLS, Session, read_session
+from recorder.session import Session, read_session
+from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.exports import exporter_for
 
 if TYPE_CHECKING:
-    from replay.rrd.run_writer import RunWriter
+    from replay.rrd.writer import RrdWriter
 
+Step = TypeVar("Step")
 Taker = Callable[[Artifact], None]
 
-PROGRESS_EVERY = 50  # readings
+_PROGRESS_EVERY = 50  # readings
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +64,7 @@ def map_session(
     if rrd is not None:
         check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
-    artifacts = build_maps(session.messages(), config, walls_m=true_walls(session))
+    artifacts = build_maps(session.messages(), config, walls_m=true_walls(session.attachments))
     first = next(artifacts)  # a session that cannot be mapped leaves no file behind
     watched = tuple(CellProbe(at_m) for at_m in probes)
     for probe in watched:
@@ -81,34 +79,39 @@ def map_session(
         if rrd is not None:
             writer = stack.enter_context(_writer(rrd, config, path.name, watched))
             takers.append(writer)
-        _run(itertools.chain([first], artifacts), takers, progress, reading_count(session))
+        steps = itertools.chain([first], artifacts)
+        total = reading_count(session)
+        for artifact in with_progress(steps, lambda a: isinstance(a, Beam), progress, total):
+            for take in takers:
+                take(artifact)
     if exporter is not None:
         exporter.close()
     left_out = "" if writer is None else writer.left_out
     return result_of(collector, session.damage, left_out, probes=watched, rrd=rrd)
 
 
-def _writer(rrd: Path, config: MappingConfig, name: str, probes: Sequence[CellProbe]) -> RunWriter:
-    from replay.rrd.run_writer import RunWriter
+def _writer(
+    rrd: Path, config: MappingConfig, name: str, probes: Sequence[CellProbe]
+) -> RrdWriter[Artifact]:
+    from replay.rrd.writer import run_writer
 
-    return RunWriter(rrd, config, config_text=commented_toml(config), name=name, probes=probes)
+    return run_writer(rrd, config, name=name, probes=probes)
 
 
-def _run(
-    artifacts: Iterable[Artifact],
-    takers: Sequence[Taker],
+def with_progress(
+    steps: Iterable[Step],
+    begins_reading: Callable[[Step], bool],
     progress: Callable[[int, int], None] | None,
     total: int,
-) -> None:
-    for artifact in artifacts:
-        for take in takers:
-            take(artifact)
-        if (
-            progress is not None
-            and isinstance(artifact, Beam)
-            and artifact.number % PROGRESS_EVERY == 0
-        ):
-            progress(artifact.number, total)
+) -> Iterator[Step]:
+    """The steps of a run, while ``progress`` is called with how many readings have gone by."""
+    readings = 0
+    for step in steps:
+        yield step
+        if progress is not None and begins_reading(step):
+            readings += 1
+            if readings % _PROGRESS_EVERY == 0:
+                progress(readings, total)
     if progress is not None:
         progress(total, total)  # those that were dropped came to no beam
 
@@ -132,12 +135,3 @@ def result_of(
 def reading_count(session: Session) -> int:
     """How many readings there are to map: what a progress bar counts to."""
     return sum(isinstance(record.message, Range | Scan) for record in session.records)
-
-
-def true_walls(session: Session) -> NDArray[np.float64] | None:
-    """The true walls of a simulated room, where the session carries them."""
-    if WALLS not in session.attachments:
-        return None
-    from recorder.simulator.room_files import walls_from_geojson
-
-    return walls_from_geojson(session.attachments[WALLS])

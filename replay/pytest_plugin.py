@@ -7,7 +7,7 @@
             "golden/run.npz", atol=1e-4
         )
 
-A map that differs fails the test with what ``echogrid diff`` says of it, and leaves a picture in
+A map that differs fails the test with what ``echogrid diff`` reports of it, and leaves a picture in
 the test's temporary folder. ``--update-golden`` writes the golden maps instead of comparing.
 Nothing heavy is imported before a test asks for a map.
 """
@@ -83,7 +83,7 @@ class MapUnderTest:
         report = self._report(path, atol, lines_atol_m, tuple(layers))
         if not report.differs:
             return True
-        pytest.fail("\n".join(self._told(report, path)), pytrace=False)
+        pytest.fail("\n".join(self._explanation(report, path)), pytrace=False)
 
     def _report(
         self, path: Path, atol: float, lines_atol_m: float, only: tuple[str, ...]
@@ -101,9 +101,9 @@ class MapUnderTest:
         except EchogridError as error:
             pytest.fail(str(error), pytrace=False)
 
-    def _told(self, report: Report, path: Path) -> list[str]:
+    def _explanation(self, report: Report, path: Path) -> list[str]:
         from replay.diff.picture import save_picture
-        from replay.diff.words import summary
+        from replay.diff.report_text import summary
 
         picture = self._pictures / f"{path.stem}-difference.png"
         save_picture(report, picture)
@@ -169,7 +169,7 @@ def session_map(request: pytest.FixtureRequest, tmp_path: Path) -> SessionMapper
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Say which golden maps were written."""
+    """List the golden maps that were written."""
     reports = terminalreporter.getreports("passed")
     written = {
         value

@@ -1,4 +1,4 @@
-"""A map in the terminal, drawn with block characters, and a run told in a few lines.
+"""A map in the terminal, drawn with block characters, and a run summed up in a few lines.
 
 Each character shows two squares, one above the other, since characters are about twice as high as
 wide. A square covers as many cells as it takes to fit the width, and shows a wall when any of them
@@ -8,7 +8,7 @@ is one, so that thin walls stay.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Container, Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,18 +69,6 @@ def pictures_beside(
         ]
         lines.append("")
     return "\n".join(lines[:-1])
-
-
-def table_lines(rows: Sequence[Sequence[str]], words: Container[int] = (0,)) -> list[str]:
-    """Rows in columns: those of ``words``, by number, to the left, numbers to the right."""
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  ".join(
-            f"{cell:<{width}}" if column in words else f"{cell:>{width}}"
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in rows
-    ]
 
 
 def _squares(

@@ -106,7 +106,7 @@ def _fixed_dates() -> Iterator[None]:
 def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:
     """An SVG picture whose user unit is the metre; y is negated, so that the map stands upright.
 
-    Every element says its ``data-layer`` and ``data-border``.
+    Every element has its ``data-layer`` and ``data-border``.
     """
     import drawsvg
 
@@ -122,14 +122,14 @@ def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> s
     for border, outline in zip(borders, outlines, strict=True):
         corners = [v for x, y in outline.tolist() for v in (x, -y)]
         look = {"fill": "none", "stroke": colours[border.layer], "stroke_width": 0.004}
-        said = {"data-layer": escape(border.layer), "data-border": border.number}
-        picture.append(drawsvg.Lines(*corners, close=True, **look, **said))
+        attributes = {"data-layer": escape(border.layer), "data-border": border.number}
+        picture.append(drawsvg.Lines(*corners, close=True, **look, **attributes))
     for segment in segments:
         (x0, y0), (x1, y1) = segment.start_m, segment.end_m
         look = {"stroke": colours[segment.layer], "stroke_width": 0.012}
-        said = {"data-layer": escape(segment.layer)}  # drawsvg writes attributes as they are
+        attributes = {"data-layer": escape(segment.layer)}  # drawsvg writes attributes as they are
         if segment.border is not None:
-            said["data-border"] = str(segment.border)
-        picture.append(drawsvg.Line(x0, -y0, x1, -y1, stroke_linecap="round", **look, **said))
+            attributes["data-border"] = str(segment.border)
+        picture.append(drawsvg.Line(x0, -y0, x1, -y1, stroke_linecap="round", **look, **attributes))
     svg: str = picture.as_svg()
     return svg

@@ -36,7 +36,7 @@ def open_viewer(
     """Show a recording.
 
     In a window of its own, which stays when this program ends; or with ``web`` in a browser, until
-    Ctrl-C: ``announce`` is then called with the page's address, and ``browser`` says whether to
+    Ctrl-C: ``announce`` is then called with the page's address, and ``browser`` is whether to
     open it as well. Raises BadInput for a file that is not there or no recording (a session has no
     map yet), and where there is no display for a window.
     """
@@ -99,7 +99,7 @@ def waiting_viewer(
 
 
 def _check_recording(path: Path) -> None:
-    """Raises BadInput, saying what to do, for what the viewer could only show as an empty page."""
+    """Raises BadInput, with what to do, for what the viewer could only show as an empty page."""
     if path.is_dir():
         raise BadInput(f"{path}: a folder, not a recording (.rrd)")
     if not path.is_file():

@@ -13,9 +13,19 @@ ROOT = Path(__file__).resolve().parent.parent
 @pytest.fixture(scope="session")
 def shared_data() -> Path:
     """The folder of real recordings beside the checkout; skipped without, but not where CI=true."""
-    folder = ROOT.parent / "shared" / "data"
+    return _beside("data")
+
+
+@pytest.fixture(scope="session")
+def shared_cases() -> Path:
+    """The folder of inputs with known answers beside the checkout; required where CI=true."""
+    return _beside("cases")
+
+
+def _beside(name: str) -> Path:
+    folder = ROOT.parent / "shared" / name
     if not folder.is_dir():
-        reason = "no real recordings beside the checkout"
+        reason = f"no folder of {name} beside the checkout"
         if os.environ.get("CI") == "true":
             pytest.fail(reason)
         pytest.skip(reason)

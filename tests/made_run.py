@@ -37,7 +37,7 @@ SMALL_GRID = GridGeometry((-0.2, -0.3), 0.02, 90, 120)
 
 @dataclass
 class Belief:
-    """What the run so far says of each cell, and of the points that it saw."""
+    """The evidence of the run so far for each cell, and the points that it saw."""
 
     log_odds: np.ndarray
     observed: np.ndarray
@@ -59,7 +59,7 @@ class MadeRun:
     wall_margin_m: float = 0.2  # between the walls and the edge of the grid
     turn_rad: float = 0.61
     longest_m: float = math.inf  # something stands no further away than this
-    tell_walls: bool = True  # whether the run says where the walls are
+    knows_walls: bool = True  # whether the run knows where the walls are
 
     @property
     def walls_m(self) -> np.ndarray:
@@ -73,7 +73,7 @@ class MadeRun:
         """Everything that a run of the mapping stage would yield."""
         names = [name for name, _ in self.sensors]
         last_t_ns = FIRST_T_NS + (self.readings - 1) * STEP_NS
-        walls = self.walls_m if self.tell_walls else np.zeros((0, 2, 2))
+        walls = self.walls_m if self.knows_walls else np.zeros((0, 2, 2))
         yield Started(self.geometry, (*names, "fused"), walls, FIRST_T_NS, last_t_ns)
         beliefs = {
             name: Belief(np.zeros(self.geometry.shape), np.zeros(self.geometry.shape, bool))
@@ -138,11 +138,11 @@ def temp_grid(beam: Beam, geometry: GridGeometry) -> TempGrid:
     d = float(beam.ranges_m[0])
     inside = np.abs(alpha) <= beam.beam_width_rad / 2
     band = inside & (np.abs(rho - d) <= WALL_BAND * d)
-    front = inside & (rho < (1 - WALL_BAND) * d)
+    free = inside & (rho < (1 - WALL_BAND) * d)
     hit = 0.8 / (1 + (d / 0.75) ** 2)
     miss = 0.08 * (1 + 30 * np.exp(-((rho / 0.35) ** 2))) / (1 + (rho / 0.75) ** 2)
-    log_odds = np.where(band, hit, np.where(front, -miss, 0.0))
-    return TempGrid(beam, geometry, window, 1 / (1 + np.exp(-log_odds)), band, front)
+    log_odds = np.where(band, hit, np.where(free, -miss, 0.0))
+    return TempGrid(beam, geometry, window, 1 / (1 + np.exp(-log_odds)), band, free)
 
 
 def merged(belief: Belief, temp: TempGrid) -> MergedGrid:
@@ -151,7 +151,7 @@ def merged(belief: Belief, temp: TempGrid) -> MergedGrid:
     p = temp.probability
     previous = (1.0 / (1.0 + np.exp(-belief.log_odds[part]))).astype(np.float32)
     belief.log_odds[part] = np.clip(belief.log_odds[part] + np.log(p / (1 - p)), -13.8, 13.8)
-    belief.observed[part] |= temp.band | temp.front
+    belief.observed[part] |= temp.band | temp.free
     belief.points_m.append(temp.beam.points_m)
     belief.t_ns.append(temp.beam.t_ns)
     after = (1.0 / (1.0 + np.exp(-belief.log_odds[part]))).astype(np.float32)

@@ -27,7 +27,7 @@ def nearest_on_ray(
 ) -> tuple[float, bool]:
     """Clip the ray to the box of every occupied cell; the one that it enters first.
 
-    Also says whether that was close: the ray grazes a corner, or enters near its reach, so that
+    Also whether that was close: the ray grazes a corner, or enters near its reach, so that
     rounding decides.
     """
     c, s = math.cos(heading), math.sin(heading)

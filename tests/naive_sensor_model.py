@@ -95,7 +95,7 @@ def in_front(sensor, rho, alpha, start, half):
 class NaiveTemp:
     probability: np.ndarray
     band: np.ndarray
-    front: np.ndarray
+    free: np.ndarray
     unsure: np.ndarray
 
 
@@ -143,7 +143,7 @@ def _one_cell(beam, sensor, geometry, row, col, out, has_band, unsure_band):
     if abs(alpha) > half:
         return
     if rho < start:
-        out.front[row, col] = True
+        out.free[row, col] = True
         out.probability[row, col] = in_front(sensor, rho, alpha, start, half)
     elif end > start and rho <= end:
         out.band[row, col] = has_band[axis] = True
@@ -169,7 +169,7 @@ def _own_cells(beam, sensor, geometry, out, has_band, unsure_band):
         if any(abs(v - round(v)) < EDGE for v in near_edge):
             out.unsure[max(row - 1, 0) : row + 2, max(col - 1, 0) : col + 2] = True
         start, end = band_of(sensor, d)
-        out.band[row, col], out.front[row, col] = True, False
+        out.band[row, col], out.free[row, col] = True, False
         out.unsure[row, col] = any(abs(v - round(v)) < EDGE for v in near_edge)
         out.probability[row, col] = in_the_band(
             sensor, d, 0.0, d, start, end, beam.beam_width_rad / 2
@@ -209,9 +209,9 @@ def naive_arc_samples(beam, sensor, geometry):
             col = math.floor((x - geometry.origin_m[0]) / geometry.resolution_m)
             row = math.floor((y - geometry.origin_m[1]) / geometry.resolution_m)
             if in_band:
-                said = in_the_band(sensor, rho, alpha, d, start, end, half)
+                evidence = in_the_band(sensor, rho, alpha, d, start, end, half)
             else:
-                said = in_front(sensor, rho, alpha, start, half)
-            samples.append((row, col, said, in_band))
+                evidence = in_front(sensor, rho, alpha, start, half)
+            samples.append((row, col, evidence, in_band))
             k += 1
     return samples

@@ -48,7 +48,7 @@ class SpillsOne(_Score):
 
     def merge(self, cells, temp):
         super().merge(cells, temp)
-        covered = temp.band | temp.front
+        covered = temp.band | temp.free
         if not covered.all():
             row, col = np.argwhere(~covered)[0]
             cells["score"][row, col] += 0.5
@@ -142,55 +142,55 @@ class EndlessBand(Peak):
 class OneNumber(SensorModel):
     name = "one-number"
 
-    def occupied(self, sensor, sight):
+    def occupied(self, sensor, beam_cells):
         return np.array([0.6])
 
 
 class TooSure(SensorModel):
     name = "too-sure"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 1.1, 0.1)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 1.1, 0.1)
 
 
 class Inverted(SensorModel):
     name = "inverted"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 0.4, 0.6)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 0.4, 0.6)
 
 
 class HalfInverted(SensorModel):
     name = "half-inverted"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 0.6, 0.5 + 1e-6)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 0.6, 0.5 + 1e-6)
 
 
 class LeftHanded(SensorModel):
     name = "left-handed"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 0.7 + 0.1 * np.sign(sight.across_m), 0.4)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 0.7 + 0.1 * np.sign(beam_cells.across_m), 0.4)
 
 
 class Neighbours(SensorModel):
     name = "neighbours"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 0.5 + 0.4 / max(len(sight.rho_m), 1), 0.4)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 0.5 + 0.4 / max(len(beam_cells.rho_m), 1), 0.4)
 
 
 class Writes(SensorModel):
     name = "writes"
 
-    def occupied(self, sensor, sight):
-        sight.rho_m[:] = 0
-        return np.full(len(sight.rho_m), 0.5)
+    def occupied(self, sensor, beam_cells):
+        beam_cells.rho_m[:] = 0
+        return np.full(len(beam_cells.rho_m), 0.5)
 
 
 class ByPlace(SensorModel):
     name = "by-place"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 0.5 + 0.2 * np.exp(-sight.rho_m), 0.45)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 0.5 + 0.2 * np.exp(-beam_cells.rho_m), 0.45)

@@ -31,7 +31,7 @@ def one_line(capsys: pytest.CaptureFixture[str]) -> str:
     return lines[0]
 
 
-def test_info_tells_what_is_inside(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_lists_what_is_inside(session: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(session)]) == 0
     out = capsys.readouterr().out
     assert f"{len(read_session(session).records)} messages" in out
@@ -66,7 +66,7 @@ def test_an_unknown_key_is_refused(session: Path, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--set", "update=foo"], "unknown key update; did you mean sensors.*.update?"),
         (["--set", "resolution_m=1"], "unknown key resolution_m; did you mean grid.resolution_m?"),
@@ -74,10 +74,10 @@ def test_an_unknown_key_is_refused(session: Path, capsys: pytest.CaptureFixture[
     ],
 )
 def test_a_key_without_its_section_and_an_unknown_preset_are_put_right(
-    arguments: list[str], told: str, capsys: pytest.CaptureFixture[str]
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["config", *arguments]) == 2
-    assert capsys.readouterr().err == f"echogrid: {told}\n"
+    assert capsys.readouterr().err == f"echogrid: {message}\n"
 
 
 @pytest.mark.parametrize("web", [[], ["--web"]])
@@ -146,9 +146,9 @@ def test_parts_of_a_session_are_mapped_as_one(
     assert len(files) > 2
     coarse = ["-o", "-", "--set", "grid.resolution_m=0.05"]
     assert main(["map", str(whole), *coarse]) == 0
-    said_of_whole = capsys.readouterr().out
+    whole_info = capsys.readouterr().out
     assert main(["map", *files, *coarse]) == 0
-    assert capsys.readouterr().out == said_of_whole
+    assert capsys.readouterr().out == whole_info
 
 
 @pytest.mark.parametrize(

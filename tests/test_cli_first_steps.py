@@ -12,13 +12,14 @@ import pytest
 import echogrid
 from echogrid import main
 from mapping.artifacts import Finished
-from mapping.config import BUILT_IN_SENSORS, load_config
-from mapping.config_sections import SensorSection
+from mapping.config import load_config
+from mapping.config_sections import sensor_section
 from mapping.config_text import explained_toml
 from mapping.grid import GridGeometry, Layer
 from mapping.segments.methods import LINE_METHODS
 from mapping.sensor_model import SENSOR_MODELS
 from mapping.update_rules import UPDATE_RULES
+from recorder.sensors import CATALOGUE
 from replay.terminal import map_lines
 
 HELP_COLUMNS = 66  # of a command's line in the list of all commands, in a window of 80
@@ -33,15 +34,15 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def error_line(capsys: pytest.CaptureFixture[str]) -> str:
-    """The one line that was said."""
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    return said.err
+    """The one line that was printed."""
+    reported = capsys.readouterr()
+    assert reported.out == ""
+    assert reported.err.count("\n") == 1
+    return reported.err
 
 
 @pytest.mark.parametrize("name", sorted(echogrid.cli.commands))
-def test_every_option_says_what_it_is_for(name: str) -> None:
+def test_every_option_has_a_help_text(name: str) -> None:
     command = echogrid.cli.commands[name]
     options = [each for each in command.params if isinstance(each, click.Option)]
     assert [each.opts for each in options if not each.help] == []
@@ -70,7 +71,7 @@ def test_what_is_no_recording_is_not_viewed(
         assert "a folder, not a recording" in error_line(capsys)
 
 
-def test_a_recording_is_told_from_a_session(
+def test_a_recording_is_distinguished_from_a_session(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "run.rrd"
@@ -80,7 +81,7 @@ def test_a_recording_is_told_from_a_session(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["-o", "run.txt"], "run.txt: the name of a recording must end in .rrd"),
         (["-o", "-", "--pose", "1,2"], "'1,2' is not x,y,deg (metres, degrees), as in 0.5,0.6,90"),
@@ -88,9 +89,9 @@ def test_a_recording_is_told_from_a_session(
         (["-o", "-", "--set", "pose.fixed=[1]"], "a number is missing"),
     ],
 )
-def test_a_wrong_value_is_told_with_a_right_one(
+def test_a_wrong_value_is_refused_with_a_right_one(
     arguments: list[str],
-    told: str,
+    message: str,
     session: Path,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
@@ -98,7 +99,7 @@ def test_a_wrong_value_is_told_with_a_right_one(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["map", str(session), *arguments]) == 2
-    assert told in error_line(capsys)
+    assert message in error_line(capsys)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -117,9 +118,9 @@ def test_the_terminal_shows_the_map_of_the_narrowest_beam(
 ) -> None:
     command = ["map", str(session), "-o", "-", "--set", "grid.resolution_m=0.05"]
     assert main(command) == 0
-    said = capsys.readouterr().out
-    assert "\nlayer dirrs: " in said
-    assert "\nfurther layers: ping, fused\n" in said
+    reported = capsys.readouterr().out
+    assert "\nlayer dirrs: " in reported
+    assert "\nfurther layers: ping, fused\n" in reported
     assert main([*command, "--set", "sensors.*.beam_width_deg=30"]) == 0
     assert "\nlayer fused: " in capsys.readouterr().out  # none is narrower than the other
     assert main([*command, "--set", "sensors.dirrs.max_range_m=0.2"]) == 0
@@ -151,7 +152,7 @@ def test_the_configuration_names_all_there_is_to_choose(
     text = capsys.readouterr().out
     assert text == explained_toml(load_config())
     lines = text.splitlines()
-    for key, field in SensorSection.model_fields.items():
+    for key, field in sensor_section().model_fields.items():
         (line,) = (each for each in lines if each.startswith(f"# {key} ="))
         assert field.description is not None
         assert field.description in line
@@ -164,8 +165,9 @@ def test_the_configuration_names_all_there_is_to_choose(
     assert f"one of {', '.join(UPDATE_RULES)}" in update
     assert f"one of {', '.join(SENSOR_MODELS)}" in model
     assert "one of total, y-on-x" in fit
-    for name, keys in BUILT_IN_SENSORS.items():
-        assert f"{name} {keys['beam_width_deg']:g}" in width
+    assert "(ping 38, dirrs 6, lidar 1)" in width
+    for kind in CATALOGUE.values():
+        assert f"#   {kind.name:<12}{kind.summary()}" in lines
     default = load_config().model_dump(exclude_none=True, exclude={"sensors"}, mode="json")
     assert tomllib.loads(text) == default
 

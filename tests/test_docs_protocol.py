@@ -1,4 +1,4 @@
-"""The page on the protocol says what the code does: its tables, its examples, its C."""
+"""The page on the protocol describes what the code does: its tables, its examples, its C."""
 
 from __future__ import annotations
 
@@ -88,12 +88,12 @@ def test_the_c_code_gives_the_same_checksum(tmp_path: Path) -> None:
     source.write_text(blocks("c")[0] + main)
     program = tmp_path / "crc"
     subprocess.run([compiler, "-Wall", "-Werror", "-o", program, source], check=True)
-    said = subprocess.run([program, *bodies], check=True, capture_output=True, text=True).stdout
-    assert said.split() == [f"{zlib.crc32(body.encode()):08X}" for body in bodies]
-    assert said.startswith("CBF43926")
+    printed = subprocess.run([program, *bodies], check=True, capture_output=True, text=True).stdout
+    assert printed.split() == [f"{zlib.crc32(body.encode()):08X}" for body in bodies]
+    assert printed.startswith("CBF43926")
 
 
-def test_the_rows_are_read_as_the_page_says() -> None:
+def test_the_rows_are_read_as_the_page_describes() -> None:
     (block,) = blocks("csv")
     columns = re.search(r"--columns (\S+)", PAGE)
     assert columns is not None

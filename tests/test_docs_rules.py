@@ -1,4 +1,4 @@
-"""The page about update rules says what the program does now, and its pictures are there."""
+"""The page about update rules describes what the program does now, and its pictures are there."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_the_numbers_are_those_of_the_rules(maker: ModuleType) -> None:
     assert maker.with_numbers(page) == page
 
 
-def test_every_rule_is_told_of(maker: ModuleType) -> None:
+def test_every_rule_is_described(maker: ModuleType) -> None:
     page = (DOCS / "rules.md").read_text("utf-8")
     for rule in UPDATE_RULES:
         assert page.count(f"`{rule}`") >= 3  # in each table

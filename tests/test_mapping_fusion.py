@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.config import FusionSection, Heard, MappingConfig, settle_sensor
+from mapping.config import FusionSection, MappingConfig, ReportedSensor, resolve_sensor
 from mapping.fusion import classify, fuse, weights_of
 from mapping.grid import GridGeometry, Layer
 from recorder.errors import BadInput
@@ -20,7 +20,7 @@ ROW = GridGeometry((0.0, 0.0), 0.1, 1, 6)
 
 
 def sensor_of(name, radiation, **changes):
-    sensor = settle_sensor(Heard(name, radiation), MappingConfig(), mounted=False)
+    sensor = resolve_sensor(ReportedSensor(name, radiation), MappingConfig(), mounted=False)
     return replace(sensor, layer=name, **changes)
 
 
@@ -70,7 +70,7 @@ def test_a_sensor_without_error_gets_all_but_nothing_breaks():
 @pytest.mark.parametrize(
     ("weights", "words"),
     [
-        ({"ping": 1.0}, "says nothing of layer dirrs"),
+        ({"ping": 1.0}, "has no weight for layer dirrs"),
         ({"ping": 1.0, "dirrs": 1.0, "pong": 1.0}, "'pong'; the nearest known one is ping"),
         ({"ping": 0.0, "dirrs": 0.0}, "add up to 0"),
         ("angles", "unknown kind of fusion weight 'angles'"),
@@ -104,7 +104,7 @@ def test_the_bayes_map_adds_log_odds():
     assert fused.probability[0, 3] == 0.5
 
 
-def test_what_a_sensor_never_saw_says_nothing_to_bayes():
+def test_what_a_sensor_never_saw_is_no_evidence_to_bayes():
     count = layer_of("ping", [0.0, 1.0], observed=[False, True])
     fused = fuse([count, layer_of("dirrs", [0.8, 0.8])], SENSORS, FusionSection(rule="bayes"))
     assert fused.probability[0, 0] == pytest.approx(0.8, abs=1e-6)
@@ -177,15 +177,15 @@ def test_classes_of_any_number_of_sensors(rows):
     layers = [layer_of(f"s{k}", row) for k, row in enumerate(rows)]
     found = classify(layers)
     for col in range(4):
-        said = [row[col] for row in rows]
-        ups, downs = said.count(0.8), said.count(0.2)
+        values = [row[col] for row in rows]
+        ups, downs = values.count(0.8), values.count(0.2)
         if ups and downs:
             expected = "contradict"
         elif ups + downs == 0:
             expected = "unknown"
         elif ups + downs == 1:
-            speaker = next(k for k, p in enumerate(said) if p != 0.5)
-            expected = f"s{speaker} alone {'occupied' if ups else 'empty'}"
+            alone = next(k for k, p in enumerate(values) if p != 0.5)
+            expected = f"s{alone} alone {'occupied' if ups else 'empty'}"
         else:
             expected = "agree occupied" if ups else "agree empty"
         assert found.names[found.codes[0, col]] == expected

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mapping.grid import GridGeometry, Window, geometry_for, start_of
-from mapping.update_rules import UPDATE_RULES
+from mapping.grid import GridGeometry, Window, geometry_for
 from recorder.errors import BadInput
 
 RESOLUTIONS_M = st.sampled_from([0.01, 0.02, 0.05, 0.1, 0.3])
@@ -88,7 +87,7 @@ def test_a_fitted_grid_holds_the_box_and_its_margin_on_a_multiple_of_the_resolut
     assert multiples == pytest.approx(np.round(multiples), abs=1e-6)
 
 
-def test_a_grid_that_is_too_large_says_how_large() -> None:
+def test_a_grid_that_is_too_large_is_refused_with_its_size() -> None:
     with pytest.raises(BadInput, match=r"10000 x 10000 = 100,000,000 cells .*max_cells = 99"):
         geometry_for(np.zeros(2), np.full(2, 100.0), resolution_m=0.01, margin_m=0.0, max_cells=99)
 
@@ -103,10 +102,3 @@ def test_the_smallest_window_around_cells(flags: list[list[bool]]) -> None:
         rows, cols = zip(*places, strict=True)
         assert (window.row0, window.row0 + window.rows - 1) == (min(rows), max(rows))
         assert (window.col0, window.col0 + window.cols - 1) == (min(cols), max(cols))
-
-
-@pytest.mark.parametrize("name", UPDATE_RULES)
-def test_what_a_cell_begins_with_is_what_its_rule_says(name: str) -> None:
-    rule = UPDATE_RULES[name]
-    cells = {key: np.full((1, 1), value) for key, value in rule.start.items()}
-    assert rule.values(cells)[0, 0] == start_of(rule.kind)

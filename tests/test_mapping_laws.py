@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.config import Heard, MappingConfig, settle_sensor
+from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.laws import MODEL_LAWS, RULE_LAWS, check_model, check_plugin, check_rule
 from mapping.laws.made_readings import random_reading
@@ -68,11 +68,11 @@ def test_random_readings_are_worth_trying():
     draw = np.random.default_rng(1)
     temps = [random_reading(draw, echo=bool(k % 3)) for k in range(30)]
     assert sum(temp.band.any() for temp in temps) >= 15
-    assert sum(temp.front.any() for temp in temps) >= 20
+    assert sum(temp.free.any() for temp in temps) >= 20
     assert any(abs(temp.beam.world_from_sensor.heading_rad) > np.pi for temp in temps)
 
 
-# --- what is wrong is caught, in words ---------------------------------------------------------
+# --- what is wrong is caught, in a sentence ----------------------------------------------------
 
 
 class TextbookBayes(UpdateRule):
@@ -92,8 +92,8 @@ class LastWord(TextbookBayes):
     name = "last-word"
 
     def merge(self, cells, temp):
-        said = temp.probability != 0.5
-        cells["belief"][said] = temp.probability[said]
+        touched = temp.probability != 0.5
+        cells["belief"][touched] = temp.probability[touched]
 
 
 class Spills(TextbookBayes):
@@ -162,7 +162,7 @@ class Writes(TextbookBayes):
         (Writes(), "only covered cells change", "raised ValueError"),
     ],
 )
-def test_a_wrong_rule_is_told_so(rule, law, words):
+def test_a_wrong_rule_is_found(rule, law, words):
     findings = broken(check_rule(rule))
     assert words in findings[law]
     assert all("\n" not in text for text in findings.values())
@@ -171,36 +171,36 @@ def test_a_wrong_rule_is_told_so(rule, law, words):
 class OneSided(SensorModel):
     name = "one-sided"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 0.7, 0.5 - 0.1 * (sight.across_m > 0))
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 0.7, 0.5 - 0.1 * (beam_cells.across_m > 0))
 
 
 class Relative(SensorModel):
     name = "relative"
 
-    def occupied(self, sensor, sight):
-        weight = sight.rho_m / sight.rho_m.max(initial=1e-9)
-        return np.where(sight.in_band, 0.5 + 0.4 * weight, 0.5 - 0.4 * weight)
+    def occupied(self, sensor, beam_cells):
+        weight = beam_cells.rho_m / beam_cells.rho_m.max(initial=1e-9)
+        return np.where(beam_cells.in_band, 0.5 + 0.4 * weight, 0.5 - 0.4 * weight)
 
 
 class TooSure(SensorModel):
     name = "too-sure"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 1.5, 0.4)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 1.5, 0.4)
 
 
 class UpsideDown(SensorModel):
     name = "upside-down"
 
-    def occupied(self, sensor, sight):
-        return np.where(sight.in_band, 0.4, 0.6)
+    def occupied(self, sensor, beam_cells):
+        return np.where(beam_cells.in_band, 0.4, 0.6)
 
 
 class OneNumber(SensorModel):
     name = "one-number"
 
-    def occupied(self, sensor, sight):
+    def occupied(self, sensor, beam_cells):
         return 0.7
 
 
@@ -210,21 +210,21 @@ class BehindItself(SensorModel):
     def band(self, sensor):
         return 1.5, 0.1
 
-    def occupied(self, sensor, sight):
-        return np.full_like(sight.rho_m, 0.5)
+    def occupied(self, sensor, beam_cells):
+        return np.full_like(beam_cells.rho_m, 0.5)
 
 
 class Moody(SensorModel):
-    """Says something else each time that it is asked."""
+    """Gives something else each time that it is asked."""
 
     name = "moody"
 
     def __init__(self):
         self.calls = 0
 
-    def occupied(self, sensor, sight):
+    def occupied(self, sensor, beam_cells):
         self.calls += 1
-        return np.where(sight.in_band, 0.6 + 0.1 * (self.calls % 2), 0.4)
+        return np.where(beam_cells.in_band, 0.6 + 0.1 * (self.calls % 2), 0.4)
 
 
 @pytest.mark.parametrize(
@@ -233,13 +233,17 @@ class Moody(SensorModel):
         (OneSided(), "the temp grid mirrors across the beam", "against"),
         (Relative(), "each cell is judged by itself", "among 20 cells"),
         (TooSure(), "every cell gets one probability", "1.5 for a cell"),
-        (UpsideDown(), "the band speaks for the obstacle, the front against it", "0.6 in front of"),
+        (
+            UpsideDown(),
+            "the band speaks for the obstacle, the front against it",
+            "0.6 in front of",
+        ),
         (OneNumber(), "every cell gets one probability", "() probabilities for (200,) cells"),
         (BehindItself(), "the band lies at the range", "1.5 before"),
         (Moody(), "the temp grid turns with the beam", "cells differ"),
     ],
 )
-def test_a_wrong_model_is_told_so(model, law, words):
+def test_a_wrong_model_is_found(model, law, words):
     findings = broken(check_model(model))
     assert words in findings[law]
 
@@ -264,7 +268,7 @@ def test_the_worked_example_of_the_docs_keeps_the_laws_and_maps(tmp_path):
     config = MappingConfig.model_validate(
         {"sensors": {"*": {"model": "cone", "update": "hit-share"}}}
     )
-    sensor = settle_sensor(Heard("ping", Radiation.ULTRASOUND), config, mounted=False)
+    sensor = resolve_sensor(ReportedSensor("ping", Radiation.ULTRASOUND), config, mounted=False)
     assert (sensor.model, sensor.update) == ("cone", "hit-share")
     grid = GridGeometry((-1.0, -1.0), 0.05, 40, 40)
     state = start(sensor.update, grid)

@@ -139,6 +139,6 @@ def test_a_configured_grid_does_not_grow() -> None:
     assert [s.geometry.shape for s in starts] == [(20, 20)]
 
 
-def test_no_reading_at_all_is_said_in_one_line() -> None:
+def test_no_reading_at_all_is_reported_in_one_line() -> None:
     with pytest.raises(BadInput, match="not one reading can be mapped"):
         list(build_live_maps([], config()))

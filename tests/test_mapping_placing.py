@@ -102,7 +102,7 @@ def test_a_pose_a_million_kilometres_away_is_dropped() -> None:
     assert result.beams[0].world_from_base == SE2(1.0, 1.0, 0.0)
 
 
-def test_a_session_without_poses_or_ranges_says_what_it_holds() -> None:
+def test_a_session_without_poses_or_ranges_is_refused_with_what_it_holds() -> None:
     with pytest.raises(BadInput, match=r"no poses.*1 range"):
         placed([reading(0)])
     with pytest.raises(BadInput, match=r"no range readings.*1 pose"):
@@ -120,7 +120,7 @@ def test_sensors_of_one_kind_share_a_map_named_by_the_kind() -> None:
     assert {beam.layer for beam in placed(both[:2]).beams} == {"ping_left"}
 
 
-def test_beams_of_a_scan_that_are_not_numbers_say_nothing() -> None:
+def test_beams_of_a_scan_that_are_not_numbers_are_no_evidence() -> None:
     ranges = np.array([1.0, math.nan, math.inf, 0.0])
     scan = Scan(0, "lidar", ranges, -0.1, 0.1, 0.05, 12.0)
     beam = placed([*still(0), scan]).beams[0]

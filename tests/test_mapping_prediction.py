@@ -1,4 +1,4 @@
-"""The range that a map foretells: the kernels against slow twins, and a room to check."""
+"""The range that a map predicts: the kernels against slow twins, and a room to check."""
 
 from __future__ import annotations
 

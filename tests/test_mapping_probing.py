@@ -46,7 +46,7 @@ def followed(artifacts: list[Artifact], x: float, y: float) -> CellProbe:
     return probe
 
 
-def test_zones_are_told_apart_by_where_the_obstacle_was() -> None:
+def test_zones_are_distinguished_by_where_the_obstacle_was() -> None:
     """The cell lies 1 m ahead: a reading ends there, one passes on, one stops before it."""
     messages = [*poses(), ping(1, 0.956), ping(2, 1.9), ping(3, 0.5)]
     probe = followed(artifacts_of(messages), 1.02, 0.02)
@@ -54,10 +54,10 @@ def test_zones_are_told_apart_by_where_the_obstacle_was() -> None:
     first, second, third = probe.touches
     assert (first.reading, first.sensor, first.layer) == (0, "ping", "ping")
     assert first.range_m == 0.956
-    assert first.said > 0.5 > second.said
+    assert first.evidence > 0.5 > second.evidence
     assert first.effect > 0 > second.effect
     assert third.effect == 0
-    assert third.said == 0.5
+    assert third.evidence == 0.5
     centre = np.array(probe.centre_m)
     assert first.distance_m == pytest.approx(float(np.hypot(*(centre - [0.044, 0.0]))))
     assert probe.counts() == {OBSTACLE: 1, EMPTY: 1, BEHIND: 1, BESIDE: 0}
@@ -112,7 +112,7 @@ def test_a_zone_agrees_with_the_temp_grid_and_with_the_angle(
     inside = 0 <= row < temp.window.rows and 0 <= col < temp.window.cols
     zones = [touch.zone for touch in probe.touches]
     assert (zones == [OBSTACLE]) == (inside and bool(temp.band[row, col]))
-    assert (zones == [EMPTY]) == (inside and bool(temp.front[row, col]))
+    assert (zones == [EMPTY]) == (inside and bool(temp.free[row, col]))
     if zones == [BEHIND]:
         dx, dy = probe.centre_m[0] - 0.044, probe.centre_m[1]
         assert abs(math.atan2(dy, dx)) <= math.radians(19) + 1e-9
@@ -131,7 +131,7 @@ def test_a_scan_is_judged_by_the_axis_nearest_to_the_cell() -> None:
     assert touch.range_m == 0.7
 
 
-def test_what_saw_nothing_empties_and_is_told_as_such() -> None:
+def test_what_saw_nothing_empties_and_is_reported_as_such() -> None:
     reading = Range(
         t_ns=100_000_000, sensor="dirrs", radiation=Radiation.INFRARED,
         beam_width_rad=math.radians(6), min_range_m=0.1, max_range_m=0.8, range_m=math.inf,
@@ -145,9 +145,11 @@ def test_what_saw_nothing_empties_and_is_told_as_such() -> None:
 @pytest.mark.parametrize("point", [(-1.3, 0.0), (3.01, 0.0), (0.0, 2.2), (math.nan, 0.0)])
 def test_a_cell_outside_the_grid_is_refused_in_a_line(point: tuple[float, float]) -> None:
     (started, *_) = artifacts_of([*poses(), ping(1, 1.0)])
-    with pytest.raises(BadInput, match=r"outside the grid, which covers x -1.000 to 3.000") as told:
+    with pytest.raises(
+        BadInput, match=r"outside the grid, which covers x -1.000 to 3.000"
+    ) as error:
         CellProbe(point)(started)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 def test_the_cell_is_the_one_that_holds_the_point() -> None:

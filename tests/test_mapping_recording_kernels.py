@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import naive_foretelling as slow
+import naive_predicting as slow
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.kernels import foretelling, recording
-from replay.rrd.distance_table import DistanceTable, look_up
+from mapping.kernels import recording
+from replay.rrd.value_log import kernels as predicting
+from replay.rrd.value_log.radial_profile import RadialProfile
 
 ROWS, COLS = 31, 43  # of the grid
 SEEDS = st.integers(0, 2**32 - 1)
@@ -35,12 +36,12 @@ def window(random: np.random.Generator) -> tuple[int, int, int, int]:
 def test_cells_come_in_order_front_band_others(seed: int, most: int) -> None:
     random = np.random.default_rng(seed)
     row0, col0, rows, cols = window(random)
-    front, band, others = masks(random, (rows, cols))
-    got = foretelling.covered_cells(front, band, others, row0, col0, COLS)
-    expected = slow.covered_cells(front, band, others, row0, col0, COLS)
+    free, band, others = masks(random, (rows, cols))
+    got = predicting.covered_cells(free, band, others, row0, col0, COLS)
+    expected = slow.covered_cells(free, band, others, row0, col0, COLS)
     for one, other in zip(got, expected, strict=True):
         np.testing.assert_array_equal(one, other)
-    np.testing.assert_array_equal(foretelling.some_of(front, most), slow.some_of(front, most))
+    np.testing.assert_array_equal(predicting.some_of(free, most), slow.some_of(free, most))
 
 
 @few
@@ -50,39 +51,39 @@ def test_distances_and_factors_have_the_same_bits(
 ) -> None:
     random = np.random.default_rng(seed)
     cells = np.flatnonzero(random.random(ROWS * COLS) < random.random())
-    distances = foretelling.distances_m(cells, COLS, size_m, x_m, y_m)
+    distances = predicting.distances_m(cells, COLS, size_m, x_m, y_m)
     assert distances.tobytes() == slow.distances_m(cells, COLS, size_m, x_m, y_m).tobytes()
-    table = DistanceTable(random.random() + 0.01, random.random(random.integers(5, 40)))
-    factors = foretelling.front_factors(table.cubics(), table.spacing_m, distances)
-    expected = look_up(table.cubics(), table.spacing_m, distances)
+    table = RadialProfile(random.random() + 0.01, random.random(random.integers(5, 40)))
+    factors = predicting.front_factors(table.cubics(), table.spacing_m, distances)
+    expected = slow.look_up(table.cubics(), table.spacing_m, distances)
     assert factors.tobytes() == expected.tobytes()
     if len(cells):
-        said = expected * random.choice([1.0, 1.0 + 1e-12, 2.0], len(cells))
-        share = foretelling.share_fitting(table.cubics(), table.spacing_m, distances, said, 1e-9)
-        assert share == np.mean(np.abs(expected - said) <= 1e-9 * said)
+        factors = expected * random.choice([1.0, 1.0 + 1e-12, 2.0], len(cells))
+        share = predicting.share_fitting(table.cubics(), table.spacing_m, distances, factors, 1e-9)
+        assert share == np.mean(np.abs(expected - factors) <= 1e-9 * factors)
 
 
 @few
 @given(SEEDS, st.booleans())
-def test_foretold_values_have_the_same_bits_and_settle(seed: int, is_odds: bool) -> None:
+def test_predicted_values_have_the_same_bits_and_settle(seed: int, is_odds: bool) -> None:
     random = np.random.default_rng(seed)
     values = random.random(ROWS * COLS).astype(np.float32)
     values[random.random(values.size) < 0.1] = random.choice([0.0, 1.0, np.nan])
     odds = random.random(values.size) * (random.random(values.size) < 0.5)
     cells = random.permutation(values.size)[: random.integers(0, values.size)]
-    front, band = (random.random(len(cells) // 3) * 2 for _ in range(2))
+    free, band = (random.random(len(cells) // 3) * 2 for _ in range(2))
     with np.errstate(all="ignore"):
-        expected = slow.foretell(cells, front, band, odds, values, is_odds, 1e6)
-    after, foretold = foretelling.foretell(cells, front, band, odds, values, is_odds, 1e6)
+        expected = slow.predict(cells, free, band, odds, values, is_odds, 1e6)
+    after, predicted = predicting.predict(cells, free, band, odds, values, is_odds, 1e6)
     np.testing.assert_array_equal(after, expected[0])
-    np.testing.assert_array_equal(foretold, expected[1])
+    np.testing.assert_array_equal(predicted, expected[1])
     missed = np.flatnonzero(random.random(len(cells)) < 0.2)
     true, bits = random.random(len(missed), np.float32), random.integers(0, 3, len(missed))
     middle = (expected[1][missed].astype(np.float64) + true) / 2.0
     with np.errstate(all="ignore"):
         expected[0][missed] = np.where(bits <= 1, slow.odds_of(middle, is_odds), 0.0)
     expected[1][missed] = true
-    foretelling.settle(cells, after, foretold, missed, true, bits, odds, values, is_odds)
+    predicting.settle(cells, after, predicted, missed, true, bits, odds, values, is_odds)
     np.testing.assert_array_equal(odds[cells], expected[0])
     np.testing.assert_array_equal(values[cells], expected[1])
 
@@ -106,20 +107,20 @@ def test_new_numbers_are_taken_and_their_tiles_marked(seed: int, side: int) -> N
 
 @few
 @given(SEEDS, st.sampled_from([np.float32, np.float64]))
-def test_what_is_said_of_changes(seed: int, kind: type) -> None:
+def test_changes_and_evidence(seed: int, kind: type) -> None:
     random = np.random.default_rng(seed)
     before, after = (random.integers(0, 5, 200).astype(np.float32) / 4 for _ in range(2))
     assert recording.changes_of(before, after) == slow.changes_of(before, after)
     edges: np.ndarray = np.array([0.0, 0.002, 0.25, 0.5], kind)
     difference: np.ndarray = (after - before).astype(kind)
-    said = random.random(200) < 0.7
+    marked = random.random(200) < 0.7
     np.testing.assert_array_equal(
-        recording.strength_classes(difference, said, edges),
-        slow.strength_classes(difference, said, edges),
+        recording.strength_classes(difference, marked, edges),
+        slow.strength_classes(difference, marked, edges),
     )
-    front, band, _ = masks(random, (10, 20))
+    free, band, _ = masks(random, (10, 20))
     probability = random.random((10, 20))
-    assert recording.said_of(probability, front, band) == (
+    assert recording.evidence_of(probability, free, band) == (
         band.sum(), probability[band].max(initial=0.0),
-        front.sum(), probability[front].min(initial=1.0),
+        free.sum(), probability[free].min(initial=1.0),
     )  # fmt: skip

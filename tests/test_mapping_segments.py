@@ -1,4 +1,4 @@
-"""From points to lines: the methods, the fit and what a line says of itself."""
+"""From points to lines: the methods, the fit and the figures of a line."""
 
 from __future__ import annotations
 
@@ -175,7 +175,7 @@ def test_the_kernel_keeps_its_digits_far_from_the_origin() -> None:
     assert abs(normal @ along) < 1e-9
 
 
-def test_segments_say_the_normal_form_of_their_ends() -> None:
+def test_segments_have_the_normal_form_of_their_ends() -> None:
     rng = np.random.default_rng(5)
     for _ in range(50):
         a, b = rng.uniform(-5, 5, (2, 2))
@@ -285,7 +285,7 @@ def test_corners_are_guarded() -> None:
     assert near[0].end_m == pytest.approx((1.28, 0.0), abs=0.02)
 
 
-def test_stages_tell_the_way_to_the_lines() -> None:
+def test_stages_show_the_way_to_the_lines() -> None:
     points = noisy(polyline(U_SHAPE), seed=1)
     config = SegmentsSection(epsilon_m=0.025)
     stages = list(stages_of_points(points, config))

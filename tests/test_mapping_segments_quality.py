@@ -55,10 +55,10 @@ def test_the_bound_of_an_even_row_of_points_is_the_textbook_one() -> None:
     assert bound == pytest.approx(SIGMA_M * np.sqrt(12 / 201) / 1.0, rel=0.01)
 
 
-@pytest.mark.parametrize("told", [True, False], ids=["noise given", "noise from the residuals"])
-def test_covariances_are_calibrated_on_single_walls(told: bool) -> None:
+@pytest.mark.parametrize("given", [True, False], ids=["noise given", "noise from the residuals"])
+def test_covariances_are_calibrated_on_single_walls(given: bool) -> None:
     # 4,000 walls: the mean of so many squares is known to about 0.022.
-    rho, alpha, count = calibration(np.random.default_rng(5), 4000, SIGMA_M, told=told)
+    rho, alpha, count = calibration(np.random.default_rng(5), 4000, SIGMA_M, given=given)
     assert count > 3950
     assert 0.9 <= rho <= 1.1
     assert 0.9 <= alpha <= 1.1

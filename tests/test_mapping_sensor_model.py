@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from naive_sensor_model import naive_arc_samples, naive_temp_grid
 
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, settle_sensor
+from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.sensor_model import (
     RASTERISERS,
@@ -29,7 +29,7 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 
-PING = settle_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+PING = resolve_sensor(ReportedSensor("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 GRID = GridGeometry((-1.0, -0.8), 0.05, 33, 41)
 CHAPTER_TABLE = """
 0.0004579600 0.0029082602 0.0073038205 0.0073038205 0.0029082602 0.0004579600
@@ -61,7 +61,7 @@ def assert_like_the_twin(beam, sensor, geometry=GRID):
     twin = naive_temp_grid(beam, sensor, geometry)
     sure = ~twin.unsure
     np.testing.assert_array_equal(whole(temp, temp.band, False)[sure], twin.band[sure])
-    np.testing.assert_array_equal(whole(temp, temp.front, False)[sure], twin.front[sure])
+    np.testing.assert_array_equal(whole(temp, temp.free, False)[sure], twin.free[sure])
     np.testing.assert_allclose(
         whole(temp, temp.probability, 0.5)[sure], twin.probability[sure], atol=1e-9
     )
@@ -80,9 +80,9 @@ def test_the_chapters_table_of_36_values():
 def test_the_table_of_36_values_comes_out_of_a_reading():
     sensor = replace(PING, model="regions", regions=6, gaussian="both", emptiness="none")
     temp = make_temp_grid(beam_of(1.5), sensor, GridGeometry((-0.5, -1.0), 0.005, 400, 500))
-    said = np.unique(np.round(2.0 * temp.probability[temp.band] - 1.0, 10))
+    evidence = np.unique(np.round(2.0 * temp.probability[temp.band] - 1.0, 10))
     expected = np.unique(np.array(CHAPTER_TABLE.split(), float))
-    np.testing.assert_allclose(said, expected, atol=1e-8)
+    np.testing.assert_allclose(evidence, expected, atol=1e-8)
     assert temp.probability.max() == pytest.approx(0.5582428486, abs=1e-8)
 
 
@@ -206,16 +206,16 @@ def test_without_an_error_the_map_is_the_point_map(model):
     (row, col), *more = np.argwhere(whole(temp, temp.band, False))
     assert not more
     np.testing.assert_array_equal(GRID.cells_of(beam.points_m)[0], [row, col])
-    said = whole(temp, temp.probability, 0.5)
-    assert (said != 0.5).sum() == 1
-    assert said[row, col] == pytest.approx(0.7 if model == "peak" else 0.5582428486, abs=1e-8)
+    evidence = whole(temp, temp.probability, 0.5)
+    assert (evidence != 0.5).sum() == 1
+    assert evidence[row, col] == pytest.approx(0.7 if model == "peak" else 0.5582428486, abs=1e-8)
 
 
 def test_a_narrow_beam_between_the_centres_marks_the_obstacles_cell():
     sensor = replace(PING, model="peak", range_error=0.01)
     temp = make_temp_grid(beam_of(0.6, y=0.001, width=0.002), sensor, GRID)
     assert temp.band.sum() == 1
-    assert not temp.front[temp.band].any()
+    assert not temp.free[temp.band].any()
     assert temp.probability.max() == pytest.approx(sensor.p_hit)
 
 
@@ -227,7 +227,7 @@ def test_each_beam_of_a_scan_marks_its_obstacle_and_hits_win():
     temp = make_temp_grid(beam, sensor, GRID)
     cells = GRID.cells_of(beam.points_m)
     assert whole(temp, temp.band, False)[cells[:, 0], cells[:, 1]].all()
-    assert not (temp.band & temp.front).any()
+    assert not (temp.band & temp.free).any()
 
 
 # --- nothing seen -----------------------------------------------------------------------------
@@ -238,12 +238,12 @@ def test_a_reading_that_saw_nothing_empties_its_beam_or_is_skipped(model):
     empties = replace(PING, model=model, no_echo="empties")
     temp = make_temp_grid(beam_of(math.inf, reach=0.7), empties, GRID)
     assert not temp.band.any()
-    assert temp.front.sum() > 20
-    assert (temp.probability[temp.front] < 0.5).mean() > 0.95
+    assert temp.free.sum() > 20
+    assert (temp.probability[temp.free] < 0.5).mean() > 0.95
     skipped = make_temp_grid(
         beam_of(math.inf, reach=0.7), replace(empties, no_echo="skipped"), GRID
     )
-    assert not (skipped.front | skipped.band).any()
+    assert not (skipped.free | skipped.band).any()
     assert (skipped.probability == 0.5).all()
 
 
@@ -289,13 +289,13 @@ def test_arcs_are_like_the_chapters_loops(case):
     temp = make_temp_grid(beam, sensor, ARC_GRID)
     expected = np.full(ARC_GRID.shape, np.nan)
     band = np.zeros(ARC_GRID.shape, bool)
-    for row, col, said, in_band in naive_arc_samples(beam, sensor, ARC_GRID):
-        expected[row, col], band[row, col] = said, in_band  # setCell: the last one stays
-    said = whole(temp, temp.probability, 0.5)
-    touched = whole(temp, temp.band | temp.front, False)
+    for row, col, evidence, in_band in naive_arc_samples(beam, sensor, ARC_GRID):
+        expected[row, col], band[row, col] = evidence, in_band  # setCell: the last one stays
+    evidence = whole(temp, temp.probability, 0.5)
+    touched = whole(temp, temp.band | temp.free, False)
     # Rounding may carry a sample on a border into the next cell or region: a few may.
     differing = (touched != np.isfinite(expected)) | (whole(temp, temp.band, False) != band)
-    differing |= touched & ~(np.abs(said - np.where(touched, expected, 0.5)) < 1e-9)
+    differing |= touched & ~(np.abs(evidence - np.where(touched, expected, 0.5)) < 1e-9)
     assert differing.sum() <= 0.01 * touched.sum()
 
 
@@ -307,16 +307,16 @@ def test_arcs_agree_with_cells_up_to_the_sampling_error(case):
     Where a model is steep the two differ by what it changes within a cell; over a reading that
     evens out. For beams and bands of at least seven cells: the Gaussian code's step misses at most
     0.5 % of the covered cells, the simple one at most 5 %; on average a cell differs by at most
-    15 % of the strongest that the reading says, and so does what it says in sum, band and front.
+    15 % of the strongest evidence of the reading, and so does its sum, band and front.
     """
     sensor, beam = case
     arcs = make_temp_grid(beam, sensor, ARC_GRID)
     cells = make_temp_grid(beam, replace(sensor, rasteriser="cells"), ARC_GRID)
-    inside = cells.band | cells.front
-    sampled = arcs.band | arcs.front
+    inside = cells.band | cells.free
+    sampled = arcs.band | arcs.free
     missed = (inside & ~sampled).sum() / inside.sum()
     assert missed <= (0.05 if sensor.gaussian == "none" else 0.005)
-    for part in (cells.band & arcs.band, cells.front & arcs.front):
+    for part in (cells.band & arcs.band, cells.free & arcs.free):
         a, b = arcs.probability[part] - 0.5, cells.probability[part] - 0.5
         assert np.abs(a - b).mean() <= 0.15 * np.abs(b).max()
         assert abs(a.sum() - b.sum()) <= 0.15 * abs(b.sum())
@@ -326,13 +326,13 @@ def test_without_a_second_grid_every_sample_is_merged_once():
     sensor = replace(PING, model="regions", rasteriser="arcs", second_grid=False, gaussian="none")
     temp = make_temp_grid(beam_of(0.7), sensor, GRID)
     once = make_temp_grid(beam_of(0.7), replace(sensor, second_grid=True), GRID)
-    assert once.passes == ()
+    assert once.sub_grids == ()
     np.testing.assert_array_equal(temp.probability, once.probability)
     times = np.zeros(GRID.shape, int)
-    for part in temp.passes:
-        times[part.window.slices] += part.band | part.front
+    for part in temp.sub_grids:
+        times[part.window.slices] += part.band | part.free
     assert times.max() > 1  # the speckle
-    np.testing.assert_array_equal(times > 0, whole(once, once.band | once.front, False))
+    np.testing.assert_array_equal(times > 0, whole(once, once.band | once.free, False))
     samples = 0
     for k in range(10_000):  # the chapter's loop, literally
         rho = k * 0.5 * GRID.resolution_m
@@ -340,7 +340,7 @@ def test_without_a_second_grid_every_sample_is_merged_once():
             break
         step = angular_step(np.array([rho]), PING.beam_width_rad, GRID.resolution_m, halved=False)
         samples += math.floor(PING.beam_width_rad / step[0] + 1e-9) + 1
-    band_times = sum(int(part.front.sum()) for part in temp.passes)
+    band_times = sum(int(part.free.sum()) for part in temp.sub_grids)
     assert band_times == samples
 
 
@@ -360,7 +360,7 @@ def test_arcs_of_a_scan_and_of_a_beam_that_leaves_the_grid(second_grid):
     beam = beam_of([*np.linspace(0.3, 1.7, 7), math.inf, math.nan], bearings=bearings, width=0.5)
     temp = make_temp_grid(beam, replace(sensor, no_echo="empties"), GRID)
     assert temp.band.any()
-    assert temp.front.any()
+    assert temp.free.any()
     assert temp.probability.min() >= 0.0
     assert temp.probability.max() <= 1.0
     outside = make_temp_grid(beam_of(0.5, x=-3.0), sensor, GRID)
@@ -386,5 +386,5 @@ def test_naming_the_models_does_not_load_numba():
 
 def test_temp_grids_are_locked():
     temp = make_temp_grid(beam_of(0.5), PING, GRID)
-    for array in (temp.probability, temp.band, temp.front):
+    for array in (temp.probability, temp.band, temp.free):
         assert not array.flags.writeable

@@ -12,12 +12,11 @@ from hypothesis import strategies as st
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, settle_sensor
+from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
 from mapping.grid import GridGeometry, Window
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import (
     UPDATE_RULES,
-    at_least_share,
     combine_masses,
     log_odds,
     start,
@@ -27,7 +26,7 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 
-PING = settle_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+PING = resolve_sensor(ReportedSensor("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 ROW = GridGeometry((0.0, 0.0), 0.1, 1, 8)
 
 
@@ -41,11 +40,11 @@ def beam_of(d, *, x=0.05, y=0.05, heading=0.0, width=0.02, bearings=(0.0,), reac
 
 
 def temp_of(probability, band=None, geometry=ROW, window=None):
-    """A temp grid that says just this of the first row of cells."""
-    said = np.atleast_2d(np.array(probability, float))
-    band = said > 0.5 if band is None else np.atleast_2d(band)
-    window = window or Window(0, 0, *said.shape)
-    return TempGrid(beam_of(math.nan), geometry, window, said, band, ~band & (said != 0.5))
+    """A temp grid with just this evidence for the first row of cells."""
+    evidence = np.atleast_2d(np.array(probability, float))
+    band = evidence > 0.5 if band is None else np.atleast_2d(band)
+    window = window or Window(0, 0, *evidence.shape)
+    return TempGrid(beam_of(math.nan), geometry, window, evidence, band, ~band & (evidence != 0.5))
 
 
 def merged(rule, readings):
@@ -72,7 +71,7 @@ def test_count_and_its_thresholds():
     np.testing.assert_array_equal(layer.values[0, :3], [4, 2, 0])
     np.testing.assert_array_equal(layer.probability[0, :3], [1.0, 0.5, 0.0])
     assert layer.kind == "count"
-    kept = [at_least_share(layer.values, share)[0, :4].tolist() for share in (0.25, 0.5, 0.75)]
+    kept = [(layer.probability[0, :4] >= share).tolist() for share in (0.25, 0.5, 0.75)]
     assert kept == [[True, True, False, False], [True, True, False, False],
                     [True, False, False, False]]  # fmt: skip
 
@@ -149,18 +148,18 @@ def test_the_merging_kernel_is_like_its_twin():
     from mapping.kernels import merging
 
     belief = draw.uniform(-13.8, 13.8, (30, 40))
-    said = np.where(draw.random((30, 40)) < 0.3, 0.5, draw.random((30, 40)))
-    said[0, :3] = [0.0, 1.0, 1e-300]
+    evidence = np.where(draw.random((30, 40)) < 0.3, 0.5, draw.random((30, 40)))
+    evidence[0, :3] = [0.0, 1.0, 1e-300]
     expected = belief.copy()
     for row in range(30):
         for col in range(40):
-            p = said[row, col]
+            p = evidence[row, col]
             if p == 0.0 or p == 1.0:
                 step = 13.8 if p else -13.8
             else:
                 step = max(-13.8, min(13.8, math.log(p / (1 - p))))
             expected[row, col] = max(-13.8, min(13.8, belief[row, col] + step))
-    merging.add_log_odds(belief, said, 13.8)
+    merging.add_log_odds(belief, evidence, 13.8)
     np.testing.assert_allclose(belief, expected, atol=1e-12)
 
 
@@ -275,7 +274,7 @@ def test_himm_touches_the_axis_only_and_excludes_the_hit():
     values = state.layer("sonar").values
     np.testing.assert_array_equal(np.argwhere(values > 0), [[5, 5]])
     assert values[5, 5] == 6
-    assert (temp.band | temp.front).sum() > 12
+    assert (temp.band | temp.free).sum() > 12
     assert state.layer("sonar").probability[5, 5] == pytest.approx(6 / 15)
 
 
@@ -322,13 +321,13 @@ def _only_by_rounding(points, grid):
 def test_one_spot_100_000_times_is_neither_nan_nor_stuck(rule):
     """Certain and uncertain readings alike; afterwards the opposite moves what listens to it."""
     cells = {k: np.full((1, 4), v) for k, v in UPDATE_RULES[rule].start.items()}
-    said, other = temp_of([1.0, 0.7, 0.3, 0.0]), temp_of([0.0, 0.3, 0.7, 1.0])
+    evidence, other = temp_of([1.0, 0.7, 0.3, 0.0]), temp_of([0.0, 0.3, 0.7, 1.0])
     himm_sensor = replace(PING, model="peak", range_error=0.0)
     if rule == "himm":
-        said = make_temp_grid(beam_of(0.3), himm_sensor, ROW)
+        evidence = make_temp_grid(beam_of(0.3), himm_sensor, ROW)
         other = make_temp_grid(beam_of(0.3, x=0.35, heading=math.pi), himm_sensor, ROW)
     for _ in range(100_000):
-        UPDATE_RULES[rule].merge(cells, said)
+        UPDATE_RULES[rule].merge(cells, evidence)
     before = UPDATE_RULES[rule].values(cells).copy()
     assert np.isfinite(before).all()
     probability = UPDATE_RULES[rule].probability(cells, float(before.max()))

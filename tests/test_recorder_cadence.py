@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from recorder.cadence import Cadence
+from recorder.recording.status import Cadence
 
 STEP_NS = 50_000_000
 
@@ -33,6 +33,6 @@ def test_a_long_silence_misses_all_that_would_have_come() -> None:
     assert missing([*range(0, 10 * STEP_NS, STEP_NS), 30 * STEP_NS]) == 20
 
 
-def test_nothing_is_said_before_the_pace_is_known() -> None:
+def test_nothing_is_counted_before_the_pace_is_known() -> None:
     assert missing([0, STEP_NS, 40 * STEP_NS]) == 0
     assert missing([5] * 50) == 0

@@ -22,7 +22,7 @@ def test_the_host_clock_follows_the_monotonic_clock_alone() -> None:
     assert clock.now_ns() == UNIX_NS + 250
 
 
-def test_the_host_clock_tells_the_time_of_day() -> None:
+def test_the_host_clock_has_the_time_of_day() -> None:
     import time
 
     assert abs(HostClock().now_ns() - time.time_ns()) < NS_PER_S
@@ -72,7 +72,7 @@ def test_drift_delay_and_wrap_leave_errors_of_a_millisecond(drift: float, boot_m
     )
 )
 @settings(deadline=None)
-def test_no_time_is_later_than_its_arrival_whatever_the_device_says(
+def test_no_time_is_later_than_its_arrival_whatever_the_device_sends(
     steps: list[tuple[int, int]],
 ) -> None:
     clock, arrival_ns = DeviceClock(), UNIX_NS
@@ -140,7 +140,7 @@ def test_reports_may_overtake_each_other_a_little() -> None:
 def test_after_an_interruption_the_offset_is_learned_anew() -> None:
     clock = DeviceClock()
     clock.estimate(1000, UNIX_NS)
-    clock.forget()  # unplugged for 5 s, and 2 s after its boot when heard again
+    clock.forget()  # unplugged for 5 s, and 2 s after its boot when received again
     estimate = clock.estimate(2000, UNIX_NS + 5 * NS_PER_S)
     assert estimate.t_ns == UNIX_NS + 5 * NS_PER_S
 

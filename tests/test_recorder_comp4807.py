@@ -134,7 +134,7 @@ def test_a_bad_clock(tmp_path: Path, rate_hz: float, start_s: float) -> None:
 
 
 def test_guessing_the_format(tmp_path: Path) -> None:
-    assert IMPORTERS[guess_format(trace(tmp_path, HEADER))] is import_comp4807
+    assert IMPORTERS[guess_format(trace(tmp_path, HEADER))].read is import_comp4807
     with pytest.raises(BadInput, match="no format known"):
         guess_format(trace(tmp_path, b"\x00\xff"))
     with pytest.raises(BadInput, match="cannot be read"):

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from recorder.controls import Controls, keys, signals
+from recorder.recording.controls import Controls, keys, signals
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs terminals")
 

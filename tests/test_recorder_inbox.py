@@ -11,16 +11,16 @@ from collections.abc import Callable, Iterator
 import pytest
 
 from recorder import inbox
-from recorder.inbox import Inbox
+from recorder.recording.inbox import Inbox
 
 
 def numbers(count: int) -> Callable[[threading.Event], Iterator[int]]:
-    """A source that brings 0, 1, 2 ... and ends, whatever it is told."""
+    """A source that brings 0, 1, 2 ... and ends, whatever it is asked."""
     return lambda halt: iter(range(count))
 
 
 def until_halted(halt: threading.Event) -> Iterator[int]:
-    """A source that brings a number, and is silent until it is told to end."""
+    """A source that brings a number, and is silent until it is asked to end."""
     yield 7
     halt.wait(60)
 

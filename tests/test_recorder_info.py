@@ -33,9 +33,9 @@ from recorder.messages import (
 from recorder.ros_definitions import DEFINITIONS
 from recorder.ros_types import encode
 from recorder.session import SessionReader, SessionWriter, read_session
-from recorder.session_recover import recover
+from recorder.session.recover import recover
+from recorder.session.stats import Readings, Times
 from recorder.summary import summary_lines
-from recorder.survey import Readings, Times
 
 T_NS = 1_700_000_000_000_000_000
 STEP_NS = 50_000_000
@@ -109,7 +109,7 @@ def test_the_page_on_sessions_cuts_where_something_is_left(tmp_path: Path) -> No
     assert any(line.startswith("  lost: ") for line in lines)
 
 
-def test_metadata_is_told_to_people(tmp_path: Path) -> None:
+def test_metadata_is_readable(tmp_path: Path) -> None:
     facts = {
         "dropped": {"pose without readings": 1}, "nothing": {}, "tracker": "", "on": True,
         "sensors": {"ping": {"beam_width_deg": 38.0, "kind": "x"}, "left": {"kind": "y"}},
@@ -143,7 +143,7 @@ def changed(change: Callable[[int, Message], Message]) -> list[Message]:
 
 
 def of(sensor: str, reading: Callable[[int], Range]) -> list[Message]:
-    """A good run in which one sensor says something else."""
+    """A good run in which one sensor sends something else."""
     return changed(
         lambda i, m: reading(i) if isinstance(m, Range) and m.sensor == sensor else m
     )  # fmt: skip
@@ -156,7 +156,7 @@ def poses(other: Callable[[int], Pose]) -> list[Message]:
 CASES: dict[str, tuple[list[Message], str]] = {
     "swapped": (
         swapped(good_run()),
-        "/range/dirrs: 100% of its ranges lie beyond 0.8 m, which infrared does not reach, "
+        "/range/dirrs: 100% of its ranges lie beyond 0.8 m, which it does not reach, "
         "and /range/ping never gets there: are the channels swapped?",
     ),
     "a glitch": (
@@ -238,7 +238,7 @@ def test_an_arrival_clock_that_steps_back_is_named(tmp_path: Path) -> None:
     assert "the clock of the arrivals steps back once" in odd(path)
 
 
-def test_columns_that_an_import_was_told_wrongly(tmp_path: Path) -> None:
+def test_columns_that_an_import_was_given_wrongly(tmp_path: Path) -> None:
     messages = of("ping", lambda i: ping(i, 0.4 + i / 1000))
     facts = {"dropped": {"infrared above 80 cm": 90}, "columns": "ping,dirrs"}
     found = odd(session(tmp_path / "s.mcap", messages, **facts))
@@ -346,7 +346,7 @@ def test_a_foreign_file_is_read_as_far_as_it_is_understood(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(("chunked", "crcs"), [(False, True), (True, False)])
-def test_what_no_checksum_covers_is_said(tmp_path: Path, chunked: bool, crcs: bool) -> None:
+def test_what_no_checksum_covers_is_reported(tmp_path: Path, chunked: bool, crcs: bool) -> None:
     path = foreign(tmp_path / "bag.mcap", chunked=chunked, crcs=crcs)
     reader = SessionReader(path)
     assert len(list(reader.records())) == 10
@@ -399,13 +399,13 @@ def test_the_commands_and_their_exit_codes(
 
     for content in (b"", b"nothing of the kind" * 9, path.read_bytes()[:30]):
         bad.write_bytes(content)
-        told = "an empty file" if not content else ""
+        reason = "an empty file" if not content else ""
         for command in (["info", str(bad)], ["recover", str(bad), "-o", str(good), "--force"]):
             assert main(command) == 2
             captured = capsys.readouterr()
             assert captured.out == ""
             assert captured.err.count("\n") == 1
-            assert f"bad.mcap: {told}" in captured.err
+            assert f"bad.mcap: {reason}" in captured.err
     assert main(["recover", str(tmp_path / "none.mcap"), "-o", str(good), "--force"]) == 2
     assert "none.mcap" in capsys.readouterr().err
     assert main(["recover", str(path), "-o", str(tmp_path / "no" / "folder.mcap")]) == 2
@@ -425,7 +425,7 @@ MEMORY = textwrap.dedent("""
     import resource, sys
     from pathlib import Path
     from recorder.session import SessionReader
-    from recorder.session_recover import recover
+    from recorder.session.recover import recover
     from recorder.summary import summary_lines
     lines = list(summary_lines(SessionReader(Path(sys.argv[1]))))
     recover(Path(sys.argv[1]), Path(sys.argv[2]))

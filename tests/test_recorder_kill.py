@@ -40,7 +40,7 @@ def test_a_killed_recording_loses_its_last_second_recovers_and_maps(tmp_path: Pa
     for one in outcomes:
         assert one.lost_s <= LONGEST_LOSS_S, one
         assert 0 < one.kept <= one.sent
-        assert one.recovered > one.kept  # the lines, what they say, and the diagnostics
+        assert one.recovered > one.kept  # the lines, what they carry, and the diagnostics
         assert one.mapped > 0
 
 
@@ -77,11 +77,11 @@ def test_a_recorder_that_finds_no_room_stops_with_the_reason(tmp_path: Path) -> 
         sent = feed_until_it_ends(device_fd, recorder)
         assert recorder.wait(60) == 1
         assert recorder.stderr is not None
-        told = recorder.stderr.read()
+        errors = recorder.stderr.read()
     os.close(device_fd)
     os.close(host_fd)
-    assert f"echogrid: {os.strerror(errno.EFBIG)}" in told
-    assert "Traceback" not in told
+    assert f"echogrid: {os.strerror(errno.EFBIG)}" in errors
+    assert "Traceback" not in errors
     found = read_session(session)
     lines = [r.message.text.encode() for r in found.records if r.topic == "/serial/raw"]
     assert 100 < len(lines) < sent
@@ -89,15 +89,15 @@ def test_a_recorder_that_finds_no_room_stops_with_the_reason(tmp_path: Path) -> 
     assert found.damage
 
 
-def test_a_simulation_that_finds_no_room_says_so_in_one_line(tmp_path: Path) -> None:
+def test_a_simulation_that_finds_no_room_fails_in_one_line(tmp_path: Path) -> None:
     session = tmp_path / "run.mcap"
     with subprocess.Popen(
         [sys.executable, "-m", "echogrid", "simulate", "room", "-o", str(session), "--quiet"],
         cwd=ROOT, stderr=subprocess.PIPE, text=True, env=NO_BYTECODE,
     ) as simulation:  # fmt: skip
         resource.prlimit(simulation.pid, resource.RLIMIT_FSIZE, (5_000, 5_000))
-        _, told = simulation.communicate(timeout=120)
-    assert (simulation.returncode, told) == (
+        _, errors = simulation.communicate(timeout=120)
+    assert (simulation.returncode, errors) == (
         2, f"echogrid: {session}: {os.strerror(errno.EFBIG)}\n",
     )  # fmt: skip
     assert list(tmp_path.iterdir()) == []

@@ -188,7 +188,7 @@ def test_a_serial_port_over_the_network() -> None:
 def test_what_is_written_arrives(tmp_path: Path) -> None:
     device, server = PtyDevice(tmp_path / "robot"), TcpServer()
     device.plug()
-    for url, hear in (
+    for url, receive in (
         (str(device.path), device.read),
         (f"tcp://127.0.0.1:{server.port}", server.receive),
     ):
@@ -199,10 +199,10 @@ def test_what_is_written_arrives(tmp_path: Path) -> None:
             server.accept()
         assert link.write(b"\x0a")
         assert link.write(b"\x0bmore")
-        heard = b""
-        while len(heard) < 6:
-            heard += hear()
-        assert heard == b"\x0a\x0bmore"
+        received = b""
+        while len(received) < 6:
+            received += receive()
+        assert received == b"\x0a\x0bmore"
         link.close()
         assert not link.write(b"too late")
     device.unplug()

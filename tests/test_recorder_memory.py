@@ -14,8 +14,8 @@ from mcap.writer import Writer
 from benchmarks.recorder_memory import LongRun, indexed_chunks, record_long
 from recorder import session_index
 from recorder.session import SessionWriter, read_session
-from recorder.session_index import LIST_OF_THE_LIBRARY, ChunkIndexes
-from recorder.session_writer import new_writer
+from recorder.session.index import LIST_OF_THE_LIBRARY, ChunkIndexes
+from recorder.session.writer import new_writer
 
 CHUNKS_OF_TEN_HOURS = 45_000
 TOPICS = ("/serial/raw", "/range/ping", "/range/dirrs")
@@ -104,7 +104,7 @@ def indexes_found(path: Path) -> tuple[list[ChunkIndex], list[ChunkIndex]]:
     return summary.chunk_indexes, should_be
 
 
-def test_the_index_tells_where_each_chunk_and_each_channel_in_it_is(tmp_path: Path) -> None:
+def test_the_index_holds_where_each_chunk_and_each_channel_in_it_is(tmp_path: Path) -> None:
     record_long(tmp_path / "run.mcap", LongRun(seconds=20, rate=20), 10, lambda _: None)
     found, should_be = indexes_found(tmp_path / "run.mcap")
     assert len(found) > 20

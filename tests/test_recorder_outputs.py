@@ -57,7 +57,9 @@ def test_the_nearest_name_or_none() -> None:
     assert did_you_mean("zzz", iter(known)) == "there are ping, dirrs, lidar"
 
 
-def test_a_file_that_may_not_become_so_large_is_said_before_it_is_written(tmp_path: Path) -> None:
+def test_a_file_that_may_not_become_so_large_is_refused_before_it_is_written(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / "run.rrd.part"
     path.write_bytes(b"x" * 1000)
     check_room(path, 100_000)
@@ -73,6 +75,6 @@ def test_a_file_that_may_not_become_so_large_is_said_before_it_is_written(tmp_pa
     assert path.stat().st_size == 1000
 
 
-def test_a_disk_without_room_is_said(tmp_path: Path) -> None:
+def test_a_disk_without_room_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="no space left on the disk of"):
         check_room(tmp_path / "run.rrd", 2**62)

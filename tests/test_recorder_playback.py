@@ -1,4 +1,4 @@
-"""A session said again is heard as it was: the same bytes, readings, times and maps."""
+"""A session that is played back arrives as it was: the same bytes, readings, times and maps."""
 
 from __future__ import annotations
 
@@ -33,17 +33,18 @@ from recorder.messages import (
     Transform,
     topic_of,
 )
+from recorder.odometry import WheelGeometry
 from recorder.playback import (
     FASTEST,
     Playback,
-    Timetable,
+    ReplayedLink,
+    check_speed,
     mounts_of,
     playback_of,
-    replayed,
     wheels_of,
 )
-from recorder.playback_ports import PseudoTerminalOutlet, SerialOutlet, SocketOutlet, open_outlet
-from recorder.playback_run import PlayedCounts, play
+from recorder.playback.outlets import PseudoTerminalOutlet, SerialOutlet, SocketOutlet, open_outlet
+from recorder.playback.run import PlayedCounts, play
 from recorder.protocols.echogrid import EchogridProtocol
 from recorder.protocols.reports import HeadReport, HelloReport, PoseReport, RangeReport
 from recorder.recording import record
@@ -71,13 +72,13 @@ class Kept:
         return [r.message for r in self.records if isinstance(r.message, kind)]
 
 
-def heard_again(records: list[Record]) -> tuple[Kept, RecordingCounters]:
-    """What a recorder makes of a session that is said again at once."""
+def recorded_again(records: list[Record]) -> tuple[Kept, RecordingCounters]:
+    """What a recorder makes of a session that is played back at once."""
     clock, kept = HostClock(), Kept()
-    link, tracker = replayed(playback_of(records), clock=clock, speed=FASTEST)
+    link = ReplayedLink(playback_of(records), clock=clock, speed=FASTEST)
     counters = record(
         link, kept, protocol=EchogridProtocol(), clock=clock, stop=threading.Event(),
-        tracker=tracker,  # type: ignore[arg-type]
+        tracker=link.tracker,
         mounts=mounts_of(records),
     )  # fmt: skip
     return kept, counters
@@ -85,7 +86,7 @@ def heard_again(records: list[Record]) -> tuple[Kept, RecordingCounters]:
 
 def reports_of(playback: Playback) -> list:
     packets = EchogridProtocol().feed(
-        b"".join(s.what for s in playback.said if type(s.what) is bytes)
+        b"".join(s.payload for s in playback.transmissions if type(s.payload) is bytes)
     )
     assert all(packet.fault is None for packet in packets)
     return [packet.report for packet in packets]
@@ -97,9 +98,9 @@ def final_maps(records: list[Record]) -> dict[str, np.ndarray]:
     return {a.layer.name: a.layer.values for a in artifacts if isinstance(a, Snapshot)}
 
 
-def test_a_session_without_raw_lines_is_said_in_echogrid() -> None:
+def test_a_session_without_raw_lines_is_sent_in_echogrid() -> None:
     records = simulated()
-    kept, counters = heard_again(records)
+    kept, counters = recorded_again(records)
     was = [r.message for r in records if isinstance(r.message, Range)]
     now = kept.of(Range)
     assert [m.sensor for m in now] == [m.sensor for m in was]
@@ -113,8 +114,8 @@ def test_a_session_without_raw_lines_is_said_in_echogrid() -> None:
 
 
 def test_what_was_recorded_comes_out_the_same_and_gives_the_same_map() -> None:
-    first, _ = heard_again(simulated())
-    second, counters = heard_again(first.records)
+    first, _ = recorded_again(simulated())
+    second, counters = recorded_again(first.records)
     lines = [r.text for r in first.of(RawLine)]
     assert [r.text for r in second.of(RawLine)] == lines
     assert len(lines) > 200
@@ -132,13 +133,13 @@ def test_what_was_recorded_comes_out_the_same_and_gives_the_same_map() -> None:
 
 def test_over_a_pseudo_terminal_nothing_is_lost() -> None:
     """The fast way: the other side cannot keep up, and must not lose a byte for that."""
-    recorded, _ = heard_again(simulated())
+    recorded, _ = recorded_again(simulated())
     playback = playback_of(recorded.records)
     clock, stop = HostClock(), threading.Event()
     outlet, tracker = PseudoTerminalOutlet(), TrackerServer()
-    told: list[PlayedCounts] = []
+    played: list[PlayedCounts] = []
     player = threading.Thread(
-        target=lambda: told.append(
+        target=lambda: played.append(
             play(playback, outlet, tracker, speed=FASTEST, clock=clock, stop=stop)
         ),
         daemon=True,
@@ -147,7 +148,7 @@ def test_over_a_pseudo_terminal_nothing_is_lost() -> None:
     link = Link(outlet.name, clock=clock)
     poses = open_tracker(tracker.url, clock=clock)
 
-    class UntilAllIsSaid:
+    class UntilHangUp:
         """The port's events, until it hangs up: a link would wait for it to come back."""
 
         def events(self, stop: threading.Event):
@@ -158,16 +159,16 @@ def test_over_a_pseudo_terminal_nothing_is_lost() -> None:
 
     player.start()
     counters = record(
-        UntilAllIsSaid(), kept, protocol=EchogridProtocol(), clock=clock, stop=ended, tracker=poses
+        UntilHangUp(), kept, protocol=EchogridProtocol(), clock=clock, stop=ended, tracker=poses
     )
     player.join(60)
-    assert told[0].ended == ""
-    assert told[0].poses == len(recorded.of(Pose))
+    assert played[0].ended == ""
+    assert played[0].poses == len(recorded.of(Pose))
     assert counters.gaps == counters.cut == counters.noise == 0
     sent = "".join(line.text for line in recorded.of(RawLine))
     assert "".join(line.text for line in kept.of(RawLine)) == sent
     assert [m.range_m for m in kept.of(Range)] == [m.range_m for m in recorded.of(Range)]
-    assert told[0].sent_bytes == len(sent)
+    assert played[0].sent_bytes == len(sent)
 
 
 def test_over_a_socket_every_byte_arrives() -> None:
@@ -205,7 +206,7 @@ def test_a_serial_port_is_written_to() -> None:
     os.close(ours)
 
 
-def test_what_cannot_be_opened_is_said() -> None:
+def test_what_cannot_be_opened_is_reported() -> None:
     clock = HostClock()
     with pytest.raises(LinkError, match="no such device"):
         open_outlet("/dev/not-there", clock=clock)
@@ -220,9 +221,9 @@ def test_what_cannot_be_opened_is_said() -> None:
 def test_a_reader_that_hangs_up_ends_it() -> None:
     records = records_of([(START_NS, RawLine(START_NS, "x" * 100_000))] * 200)
     outlet, clock = SocketOutlet("socket"), HostClock()
-    told: list[PlayedCounts] = []
+    played: list[PlayedCounts] = []
     player = threading.Thread(
-        target=lambda: told.append(
+        target=lambda: played.append(
             play(playback_of(records), outlet, None, speed=0.0, clock=clock, stop=threading.Event())
         ),
         daemon=True,
@@ -232,8 +233,8 @@ def test_a_reader_that_hangs_up_ends_it() -> None:
     player.start()
     link.close()
     player.join(60)
-    assert "nobody reads" in told[0].ended
-    assert told[0].pieces < 200
+    assert "nobody reads" in played[0].ended
+    assert played[0].pieces < 200
 
 
 def test_stop_is_heeded_before_and_while_it_plays() -> None:
@@ -243,9 +244,11 @@ def test_stop_is_heeded_before_and_while_it_plays() -> None:
     assert playback.duration_s == 10_000.0
     outlet = SocketOutlet("socket")
     collector = Collector(Link(outlet.name, clock=clock))
-    told: list[PlayedCounts] = []
+    played: list[PlayedCounts] = []
     player = threading.Thread(
-        target=lambda: told.append(play(playback, outlet, None, speed=1.0, clock=clock, stop=stop)),
+        target=lambda: played.append(
+            play(playback, outlet, None, speed=1.0, clock=clock, stop=stop)
+        ),
         daemon=True,
     )
     player.start()
@@ -253,7 +256,7 @@ def test_stop_is_heeded_before_and_while_it_plays() -> None:
     stop.set()
     player.join(60)
     collector.finish()
-    assert told == [PlayedCounts(1, 1, 0, "stopped")]
+    assert played == [PlayedCounts(1, 1, 0, "stopped")]
     for end in (SocketOutlet("socket"), PseudoTerminalOutlet()):
         counts = play(playback, end, None, speed=1.0, clock=clock, stop=stop)
         assert counts == PlayedCounts(0, 0, 0, "stopped")
@@ -262,9 +265,11 @@ def test_stop_is_heeded_before_and_while_it_plays() -> None:
 
 
 def test_times_are_laid_onto_the_hosts_clock() -> None:
-    clock = ManualClock(5_000)
-    table = Timetable(1_000, 2.0, clock, 4_000)
-    assert [table.now(t) for t in (1_000, 1_001, 3_000)] == [4_000, 4_000, 5_000]
+    clock = ManualClock(4_000)
+    playback = playback_of(records_of([(1_000, RawLine(1_000, "a"))]))
+    link = ReplayedLink(playback, clock=clock, speed=2.0)
+    clock.t_ns = 5_000
+    assert [link.host_ns(t) for t in (1_000, 1_001, 3_000)] == [4_000, 4_000, 5_000]
     stop = threading.Event()
     asked: list[int] = []
 
@@ -272,22 +277,23 @@ def test_times_are_laid_onto_the_hosts_clock() -> None:
         asked.append(clock.t_ns)
         clock.t_ns += 500
 
-    assert table.wait_for(9_000, stop, tick)
+    assert link.wait_for(9_000, stop, tick)
     assert clock.t_ns >= 8_000
     assert len(asked) == 6
-    assert Timetable(0, FASTEST, clock, 7).now(10**12) == 10**12 + 7
-    assert Timetable(0, FASTEST, clock, 7).wait_for(10**18, stop)
+    fastest = ReplayedLink(playback, clock=ManualClock(7), speed=FASTEST)
+    assert fastest.host_ns(10**12 + 1_000) == 10**12 + 7
+    assert fastest.wait_for(10**18, stop)
     stop.set()
-    assert not table.wait_for(10**9, stop)
+    assert not link.wait_for(10**9, stop)
 
 
 @pytest.mark.parametrize("speed", [-1.0, 0.001, 1e9, math.nan, math.inf])
 def test_a_speed_that_makes_no_sense(speed: float) -> None:
     with pytest.raises(BadInput, match="speed"):
-        Timetable(0, speed, HostClock(), 0)
+        check_speed(speed)
 
 
-def test_what_a_line_has_words_for() -> None:
+def test_what_a_line_can_carry() -> None:
     head = Transform(START_NS, BASE_FRAME, HEAD_FRAME, SE2(0.0, 0.0, 0.5), static=False)
     mount = Transform(START_NS, HEAD_FRAME, "ping", SE2(0.1, 0.0, 0.0))
     reading = Range(START_NS + 7_000_000, "ping", 1.2345, 0.6, 0.02, 4.0, Radiation.ULTRASOUND)
@@ -296,7 +302,6 @@ def test_what_a_line_has_words_for() -> None:
     pose = Pose(START_NS, SE2(1.0, 2.0, 3.0))
     records = records_of([(START_NS + 1, m) for m in (mount, head, reading, nothing, scan, pose)])
     playback = playback_of(records)
-    assert not playback.raw
     assert playback.left_out == {"/scan/lidar": 1}
     hello, turned, seen, unseen = reports_of(playback)
     assert isinstance(hello, HelloReport)
@@ -304,27 +309,27 @@ def test_what_a_line_has_words_for() -> None:
     assert turned.angle_rad == pytest.approx(0.5, abs=1e-4)
     assert seen in (RangeReport("ping", 1.234), RangeReport("ping", 1.235))
     assert unseen == RangeReport("ping", math.inf)
-    assert playback.said[-1].what == pose
+    assert playback.transmissions[-1].payload == pose
     in_line = reports_of(playback_of(records, poses_in_line=True))
     assert isinstance(in_line[-1], PoseReport)
     assert (in_line[-1].x_m, in_line[-1].y_m) == (1.0, 2.0)
     assert mounts_of(records) == (mount,)
 
 
-def test_poses_that_the_lines_say_are_not_said_twice() -> None:
+def test_poses_that_the_lines_carry_are_not_sent_twice() -> None:
     pose = Pose(START_NS, SE2(1.0, 2.0, 3.0))
     records = records_of([(START_NS, RawLine(START_NS, "$RNG,1\r\n")), (START_NS, pose)])
-    assert [type(said.what) for said in playback_of(records).said] == [bytes, Pose]
+    assert [type(sent.payload) for sent in playback_of(records).transmissions] == [bytes, Pose]
     records = records_of([(START_NS, RawLine(START_NS, "$POS,1\r\n")), (START_NS, pose)])
-    assert [type(said.what) for said in playback_of(records).said] == [bytes]
+    assert [type(sent.payload) for sent in playback_of(records).transmissions] == [bytes]
     with pytest.raises(BadInput, match="nothing"):
         playback_of([])
 
 
 def test_a_device_alone_has_no_tracker() -> None:
     playback = playback_of(records_of([(START_NS, RawLine(START_NS, "a"))]))
-    link, tracker = replayed(playback, clock=HostClock())
-    assert tracker is None
+    link = ReplayedLink(playback, clock=HostClock())
+    assert link.tracker is None
     assert not link.write(b"hello")
     collector = Collector(link)
     collector.wait_for_data(b"a")
@@ -336,5 +341,5 @@ def test_the_wheels_come_from_the_session(tmp_path: Path) -> None:
     file = tmp_path / "s.mcap"
     with SessionWriter(file, metadata={"wheels": {"ticks_per_m": 2.0, "track_m": 0.1}}) as session:
         session.write(RawLine(START_NS, "a"), log_ns=START_NS)
-    assert wheels_of(read_session(file).metadata) == {"ticks_per_m": 2.0, "track_m": 0.1}
+    assert wheels_of(read_session(file).metadata) == WheelGeometry(ticks_per_m=2.0, track_m=0.1)
     assert wheels_of({}) is None

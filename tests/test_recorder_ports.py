@@ -28,17 +28,17 @@ def robots(stack: ExitStack, *protocols: str) -> list[str]:
     ]
 
 
-def test_each_robot_is_known_by_what_it_says(capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_robot_is_known_by_what_it_sends(capsys: pytest.CaptureFixture[str]) -> None:
     with ExitStack() as stack:
         echogrid, rbc, csv = robots(stack, "echogrid", "rbc", "csv")
         also = [word for device in (echogrid, rbc, csv) for word in ("--also", device)]
         status = main(["ports", *also, "--only", "--seconds", "5", "--probe-write"])
     assert status == 0
     lines = capsys.readouterr().out.splitlines()
-    said = {line.split()[0]: " ".join(line.split()[1:]) for line in lines}
-    assert said[echogrid].startswith("echogrid, 115200")
-    assert said[rbc].startswith("rbc, 9600")
-    assert said[csv].startswith("csv, 115200 (rows of 3 numbers, such as ")
+    found = {line.split()[0]: " ".join(line.split()[1:]) for line in lines}
+    assert found[echogrid].startswith("echogrid, 115200")
+    assert found[rbc].startswith("rbc, 9600")
+    assert found[csv].startswith("csv, 115200 (rows of 3 numbers, such as ")
 
 
 def test_nothing_is_written_unless_asked(tmp_path: Path) -> None:
@@ -57,7 +57,7 @@ def test_what_is_not_understood_is_shown(tmp_path: Path) -> None:
     done = threading.Event()
 
     def talk() -> None:
-        while not done.wait(0.02):  # what came before the port was opened nobody hears
+        while not done.wait(0.02):  # what came before the port was opened nobody receives
             device.write(b"Hello \xff\x00 world\r\n")
 
     talker = threading.Thread(target=talk)

@@ -1,4 +1,4 @@
-"""A protocol of one's own, in one file: what works, and what is said when it does not."""
+"""A protocol of one's own, in one file: what works, and what is reported when it does not."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def test_bytes_need_two(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "reason"),
     [
         ("", "defines 0 protocols"),
         (LINES + BYTES, "defines 2 protocols"),
@@ -84,9 +84,11 @@ def test_bytes_need_two(tmp_path: Path) -> None:
         ("def", "line 1"),
     ],
 )
-def test_what_cannot_be_used_is_said_in_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_what_cannot_be_used_is_reported_in_one_line(
+    tmp_path: Path, text: str, reason: str
+) -> None:
     text = text.replace(LINES + BYTES, LINES + BYTES.replace("class Mine", "class Other"))
-    with pytest.raises(BadInput, match=said) as caught:
+    with pytest.raises(BadInput, match=reason) as caught:
         loaded(tmp_path, text)
     assert "\n" not in str(caught.value)
 

@@ -241,7 +241,7 @@ def test_a_partial_line_is_a_fault_when_the_link_closes() -> None:
         LogReport("é"),
     ],
 )
-def test_what_no_line_can_say_is_refused(report: Report) -> None:
+def test_what_no_line_can_carry_is_refused(report: Report) -> None:
     with pytest.raises(BadInput):
         encode(report, 0, 0)
 
@@ -285,7 +285,7 @@ def corrupted(stream: bytes, rate: float, rng: np.random.Generator) -> bytes:
 
 
 def test_noise_never_passes_with_a_wrong_value() -> None:
-    seed = np.random.SeedSequence().entropy  # fresh each run, and said when it fails
+    seed = np.random.SeedSequence().entropy  # fresh each run, and printed when it fails
     rng = np.random.default_rng(seed)
     count = 100_000
     ranges_mm = rng.integers(-2, 5000, count).tolist()

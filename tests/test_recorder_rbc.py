@@ -117,7 +117,7 @@ def test_hands_are_shaken_until_packets_come() -> None:
     assert protocol.greeting() == b"\x0a"
     assert protocol.greeting() == b"\x0a"
     assert protocol.feed(b"\x08") == [answered]
-    assert protocol.greeting() == b"\x0a"  # our 11 got lost: the robot says nothing
+    assert protocol.greeting() == b"\x0a"  # our 11 got lost: the robot sends nothing
     assert protocol.feed(b"\x08") == [answered]
     protocol.feed(BOTH)
     assert protocol.greeting() == b""
@@ -136,8 +136,8 @@ def test_a_robot_that_was_reset_is_greeted_anew() -> None:
     for _ in range(20):
         assert protocol.greeting() == b""
         protocol.feed(BOTH)
-    said = [protocol.greeting() for _ in range(7)]
-    assert said == [b"", b"", b"", b"", b"", b"\x0a", b"\x0a"]
+    sent = [protocol.greeting() for _ in range(7)]
+    assert sent == [b"", b"", b"", b"", b"", b"\x0a", b"\x0a"]
     assert protocol.feed(b"\x08")[0].reply == b"\x0b"
 
 
@@ -154,10 +154,10 @@ def test_the_simulated_robot_wants_its_handshake() -> None:
     firmware = RbcFirmware(0.0, np.random.default_rng(0))
     ping, dirrs = RangeReport("ping", 1.5), RangeReport("dirrs", 0.35)
     assert firmware.line(ping, 0) + firmware.line(dirrs, 0) == b""
-    assert firmware.hear(b"\x0b") == b""
-    assert firmware.hear(b"x\x0a") == b"\x08"
+    assert firmware.receive(b"\x0b") == b""
+    assert firmware.receive(b"x\x0a") == b"\x08"
     assert firmware.line(dirrs, 0) == b""
-    assert firmware.hear(b"\x0b") == b""
+    assert firmware.receive(b"\x0b") == b""
     assert firmware.line(ping, 0) + firmware.line(dirrs, 0) == BOTH
     assert firmware.line(ping, 0) == b""
     assert firmware.line(ping, 0) == sensor_packet(150, 111)

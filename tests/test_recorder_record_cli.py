@@ -58,22 +58,22 @@ def again_and_again(act: Callable[[int], object], period_s: float = 0.02) -> Ite
 
 
 @contextmanager
-def talking(device: PtyDevice, say: Callable[[int], bytes]) -> Iterator[None]:
-    """A device that says something 50 times a second."""
+def sending(device: PtyDevice, send: Callable[[int], bytes]) -> Iterator[None]:
+    """A device that sends something 50 times a second."""
     device.plug()
-    with again_and_again(lambda count: device.write(say(count))):
+    with again_and_again(lambda count: device.write(send(count))):
         yield
     device.unplug()
 
 
 def lines(*reports: Report) -> Callable[[int], bytes]:
-    def say(count: int) -> bytes:
+    def send(count: int) -> bytes:
         n = len(reports)
         return b"".join(
             encode(report, (n * count + i) % 2**16, 20 * count) for i, report in enumerate(reports)
         )
 
-    return say
+    return send
 
 
 @pytest.mark.parametrize("protocol", ["echogrid", "rbc", "csv"])
@@ -93,11 +93,11 @@ def test_the_simulated_robot_in_each_protocol(protocol: str, tmp_path: Path) -> 
     assert session.damage == ()
 
 
-def test_info_says_what_is_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_reports_what_is_unchecked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "run.mcap"
     device = PtyDevice(tmp_path / "robot")
     options = ["--protocol", "csv", "--columns", "t_ms,ping:cm", "--duration", "1", "--quiet"]
-    with talking(device, lambda count: b"%d,%d\r\n" % (20 * count, 50)):
+    with sending(device, lambda count: b"%d,%d\r\n" % (20 * count, 50)):
         assert main(["record", str(device.path), "-o", str(path), *options]) == 0
     assert main(["info", str(path)]) == 0
     assert "csv has no checksum" in capsys.readouterr().out
@@ -106,9 +106,9 @@ def test_info_says_what_is_unchecked(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 def test_sensors_of_other_names(tmp_path: Path) -> None:
     path, device = tmp_path / "run.mcap", PtyDevice(tmp_path / "robot")
-    say = lines(RangeReport("left", 1.0), RangeReport("front", 0.5), RangeReport("other", 0.5))
+    send = lines(RangeReport("left", 1.0), RangeReport("front", 0.5), RangeReport("other", 0.5))
     arguments = ["record", str(device.path), "-o", str(path), "--duration", "1", "--quiet"]
-    with talking(device, say):
+    with sending(device, send):
         main([*arguments, "--sensor", "left=dirrs", "--sensor", "front=15,0.05,1.5,ir"])
     session = read_session(path)
     seen = {r.sensor: (r.max_range_m, r.radiation) for r in of(session, Range)}
@@ -129,7 +129,7 @@ def test_wheels_and_mounts_and_a_tracker_over_udp(tmp_path: Path) -> None:
         port = probe.getsockname()[1]
     path, device = tmp_path / "run.mcap", PtyDevice(tmp_path / "robot")
 
-    def say(count: int) -> bytes:
+    def send(count: int) -> bytes:
         reports = (RangeReport("ping", 1.0), WheelReport(100 * count, 100 * count))
         return lines(*reports)(count)
 
@@ -145,7 +145,7 @@ def test_wheels_and_mounts_and_a_tracker_over_udp(tmp_path: Path) -> None:
         "--wheels", "0.05,0.2,1000", "--mount", "ping=0.044,0,0",
         "--mount", "dirrs@head=-0.03,0.01,90",
     ]  # fmt: skip
-    with talking(device, say), again_and_again(track):
+    with sending(device, send), again_and_again(track):
         main(arguments)
     sender.close()
     session = read_session(path)
@@ -172,10 +172,10 @@ def test_wheels_and_mounts_and_a_tracker_over_udp(tmp_path: Path) -> None:
 
 def test_a_port_over_the_network(tmp_path: Path) -> None:
     server, path = Rfc2217Server(), tmp_path / "run.mcap"
-    say = lines(RangeReport("ping", 0.5))
+    line_of = lines(RangeReport("ping", 0.5))
 
     def send(count: int) -> None:
-        server.to_send = say(count)
+        server.to_send = line_of(count)
 
     with again_and_again(send, 0.2):
         url = f"rfc2217://127.0.0.1:{server.port}"
@@ -195,7 +195,7 @@ def test_a_protocol_of_ones_own(tmp_path: Path) -> None:
         "        return RangeReport(sensor, int(mm) / 1000)\n"
     )
     path, device = tmp_path / "run.mcap", PtyDevice(tmp_path / "robot")
-    with talking(device, lambda _: b"ping 523\r\n"):
+    with sending(device, lambda _: b"ping 523\r\n"):
         arguments = ["record", str(device.path), "-o", str(path), "--protocol", str(plugin)]
         assert main([*arguments, "--duration", "1", "--quiet"]) == 0
     session = read_session(path)
@@ -204,9 +204,9 @@ def test_a_protocol_of_ones_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "reason"),
     [
-        (["--protocol", "ecogrid"], "did you mean echogrid"),
+        (["--protocol", "ecogrid"], "did you mean 'echogrid'"),
         (["--protocol", "csv"], "csv needs its columns named"),
         (["--columns", "ping:cm"], "for csv"),
         (["--wheels", "1,2"], "--wheels RADIUS_M,TRACK_M,COUNTS is wanted"),
@@ -221,25 +221,25 @@ def test_a_protocol_of_ones_own(tmp_path: Path) -> None:
         (["--duration", "inf"], "inf is not in the range"),
         (["--duration", "1e300"], "1e+300 is not in the range"),
         (["--split-mb", "inf"], "'inf' is not a number that can be used"),
-        (["--sensor", "left"], "--sensor NAME=ping|dirrs or NAME=BEAM_DEG,MIN_M,MAX_M"),
-        (["--sensor", "left=pong"], "is wanted"),
+        (["--sensor", "left"], "--sensor NAME=KIND or NAME=BEAM_DEG,MIN_M,MAX_M[,ir]"),
+        (["--sensor", "left=pong"], "no kind 'pong'; did you mean 'ping'?"),
         (["--sensor", "left=15,2,1"], "no sensor is like that"),
         (["--baud", "-1"], "makes no sense"),
         ([], "there is no such device"),
     ],
 )
-def test_what_cannot_be_is_said_in_one_line(
-    options: list[str], said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+def test_what_cannot_be_is_reported_in_one_line(
+    options: list[str], reason: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "run.mcap"
     assert main(["record", str(tmp_path / "robot"), "-o", str(path), *options]) == 2
     captured = capsys.readouterr()
-    assert said in captured.err
+    assert reason in captured.err
     assert len(captured.err.splitlines()) == 1
     assert not path.exists()
 
 
-def test_what_a_replayed_session_had_lost_is_said(
+def test_what_a_replayed_session_had_lost_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     whole, cut, again = (tmp_path / name for name in ("whole.mcap", "cut.mcap", "again.mcap"))
@@ -263,7 +263,7 @@ def test_without_a_place_to_show_anything_it_records_all_the_same(
     assert of(read_session(path), Range)
 
 
-def test_a_full_disk_behind_standard_output_is_said_in_one_line(
+def test_a_full_disk_behind_standard_output_is_reported_in_one_line(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     class FullDisk(io.StringIO):
@@ -286,11 +286,11 @@ def test_a_folder_is_no_output(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert list(tmp_path.iterdir()) == [folder]
 
 
-def test_another_protocol_than_the_robots_is_said(
+def test_another_protocol_than_the_robots_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path, device = tmp_path / "run.mcap", PtyDevice(tmp_path / "robot")
-    with talking(device, lambda count: b"%d,52\r\n" % count):
+    with sending(device, lambda count: b"%d,52\r\n" % count):
         arguments = ["record", str(device.path), "-o", str(path), "--duration", "1", "--quiet"]
         assert main(arguments) == 1
     assert "nothing of what came was understood" in capsys.readouterr().err
@@ -306,7 +306,7 @@ def test_what_a_simulated_robot_brings_itself(
 
 
 class Program:
-    """``record`` of the simulated robot in a process of its own, and what it says."""
+    """``record`` of the simulated robot in a process of its own, and what it prints."""
 
     def __init__(self, path: Path, *, terminal: bool) -> None:
         self._ours, theirs = os.openpty() if terminal else os.pipe()
@@ -319,13 +319,13 @@ class Program:
         os.close(theirs)
 
     def wait_for(self, *words: str, without: str = "\0") -> None:
-        """Until all words stand in what is said from now on, piece by piece."""
-        give_up_s, said = time.monotonic() + PATIENCE_S, ""
-        while not (all(word in said for word in words) and without not in said):
-            assert time.monotonic() < give_up_s, said
+        """Until all words stand in what is printed from now on, piece by piece."""
+        give_up_s, printed = time.monotonic() + PATIENCE_S, ""
+        while not (all(word in printed for word in words) and without not in printed):
+            assert time.monotonic() < give_up_s, printed
             if select.select([self._ours], [], [], 1.0)[0]:
                 piece = os.read(self._ours, 65536).decode("utf-8", "replace")
-                said = piece if without in said else said + piece
+                printed = piece if without in printed else printed + piece
 
     def type(self, key: bytes) -> None:
         os.write(self._ours, key)
@@ -342,7 +342,7 @@ class Program:
 
 @contextmanager
 def threading_reader(fd: int) -> Iterator[None]:
-    """Take what is still said, so that nobody waits to be heard."""
+    """Take what is still printed, so that nobody waits to write."""
     done = threading.Event()
 
     def run() -> None:
@@ -363,7 +363,7 @@ def threading_reader(fd: int) -> Iterator[None]:
 
 
 def check_the_pause(path: Path, status: int) -> None:
-    """The session says when it paused, and holds no reading of that time."""
+    """The session holds when it paused, and holds no reading of that time."""
     session = read_session(path)
     assert session.damage == ()
     states = [(d.t_ns, d.counters["state"]) for d in of(session, Diagnostics)]
@@ -386,7 +386,7 @@ def test_keys_on_a_terminal_pause_and_end(tmp_path: Path) -> None:
     program.wait_for("recording", "run.mcap", "ping", "dirrs", "space: pause")
     program.type(b" ")
     program.wait_for("PAUSED")
-    time.sleep(0.3)  # the robot goes on talking
+    time.sleep(0.3)  # the robot goes on sending
     program.type(b"p")
     program.wait_for("recording", "ping", without="PAUSED")
     time.sleep(0.3)

@@ -197,15 +197,15 @@ def test_a_clock_that_is_set_meanwhile_moves_no_reading(step_s: int) -> None:
                 monotonic[0] += 50 * NS_PER_MS
                 wall[0] += 50 * NS_PER_MS + (step_s * NS_PER_S if number == 50 else 0)
                 yield Received(ping_line(number, 50 * number), clock.now_ns())
-            said_all.set()
+            sent_all.set()
 
     class Camera:
         def events(self, stop: threading.Event) -> Iterator[Received]:
-            assert said_all.wait(60)
-            said = {"t_s": wall[0] / NS_PER_S, "x": 1.0, "y": 2.0, "heading_deg": 0.0}
-            yield Received(json.dumps(said).encode() + b"\n", clock.now_ns())
+            assert sent_all.wait(60)
+            line = {"t_s": wall[0] / NS_PER_S, "x": 1.0, "y": 2.0, "heading_deg": 0.0}
+            yield Received(json.dumps(line).encode() + b"\n", clock.now_ns())
 
-    session, said_all = ListSession(), threading.Event()
+    session, sent_all = ListSession(), threading.Event()
     counters = record(
         Line(), session, protocol=EchogridProtocol(), clock=clock, stop=threading.Event(),
         tracker=Tracker(Camera()),
@@ -225,7 +225,7 @@ def test_the_line_that_our_own_stop_cuts_is_kept_but_is_no_fault() -> None:
     assert counters.cut == 0
 
 
-def test_wheels_and_a_robot_that_says_who_it_is() -> None:
+def test_wheels_and_a_robot_that_names_itself() -> None:
     events: list[Received | LinkEvent] = [
         Received(encode(HelloReport(1, "boe", "2"), 0, 0), START_NS),
         Received(encode(WheelReport(0, 0), 1, 10), START_NS + 10 * NS_PER_MS),
@@ -267,7 +267,7 @@ def test_poses_come_in_by_a_link_of_their_own() -> None:
     assert len(session.of(Range)) == 20
 
 
-def test_a_link_that_cannot_be_opened_is_told_in_one_line(tmp_path: Path) -> None:
+def test_a_link_that_cannot_be_opened_is_reported_in_one_line(tmp_path: Path) -> None:
     clock = HostClock()
     session = ListSession()
     with pytest.raises(LinkError, match="no such device"):

@@ -20,9 +20,10 @@ from recorder.recording import RecordingStatus, record
 
 def test_status_for_the_screen() -> None:
     seen: list[RecordingStatus] = []
+    session = ListSession()
     play(
         [*steady_run(5.0), Received(encode(HelloReport(1, "boe", "2"), 100, 5001), START_NS)],
-        ListSession(),
+        session,
         on_status=seen.append,
     )
     assert len(seen) >= 5
@@ -31,7 +32,7 @@ def test_status_for_the_screen() -> None:
     assert seen[2].rate_hz["ping"] == pytest.approx(20.0, abs=2.0)
     assert seen[2].elapsed_s == pytest.approx(3.0, abs=0.2)
     assert seen[-1].counters.received == 101
-    assert seen[-1].hello == HelloReport(1, "boe", "2")
+    assert session.of(Diagnostics)[-1].counters["robot"] == "boe"
 
 
 def test_the_screen_may_be_drawn_more_often_than_counters_are_written() -> None:
@@ -44,7 +45,7 @@ def test_the_screen_may_be_drawn_more_often_than_counters_are_written() -> None:
     assert seen[-1].missing == {"ping": 0}
 
 
-def test_the_screen_says_which_sensor_misses_readings() -> None:
+def test_the_screen_shows_which_sensor_misses_readings() -> None:
     seen: list[RecordingStatus] = []
     events = steady_run(4.0)
     del events[50:53]
@@ -92,22 +93,22 @@ def test_a_recording_can_begin_paused() -> None:
 
 
 class Chatty(EchogridProtocol):
-    """Greets until something is heard, and answers each hello."""
+    """Greets until something is received, and answers each hello."""
 
     def __init__(self) -> None:
         super().__init__()
-        self._heard = False
+        self._received = False
 
     def feed(self, data: bytes) -> list[Packet]:
         packets = super().feed(data)
-        self._heard |= bool(packets)
+        self._received |= bool(packets)
         return [
             replace(packet, reply=b"go") if isinstance(packet.report, HelloReport) else packet
             for packet in packets
         ]
 
     def greeting(self) -> bytes:
-        return b"" if self._heard else b"hello?"
+        return b"" if self._received else b"hello?"
 
 
 def test_a_protocol_may_greet_and_answer() -> None:
@@ -132,7 +133,7 @@ def test_a_protocol_may_greet_and_answer() -> None:
     )
     assert sent[0] == b"hello?", "when the link opens"
     assert sent[1] == b"hello?", "when it opens again"
-    assert sent[-2:] == [b"hello?", b"go"], "each second, until it is heard"
+    assert sent[-2:] == [b"hello?", b"go"], "each second, until it is received"
     assert set(sent[1:-1]) == {b"hello?"}
 
 

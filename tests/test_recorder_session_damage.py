@@ -1,4 +1,4 @@
-"""A session cut at every byte, and with a bit flipped in every byte: never wrong, always said."""
+"""A session cut at every byte, or with a bit flipped in any byte: never wrong, always reported."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Record, Transform
 from recorder.session import Session, SessionReader, SessionWriter, read_session
-from recorder.session_recover import recover
+from recorder.session.recover import recover
 
 T_NS = 1_700_000_000_123_456_789
 CALIBRATION = {"mount_m": [0.044, 0.0], "name": "Ω"}
@@ -58,7 +58,7 @@ def is_part(part: tuple[Record, ...], whole: tuple[Record, ...]) -> bool:
 
 
 def assert_nothing_wrong(session: Session, whole: Session, where: int) -> None:
-    """All that is there is right, and if something is not there, that is said."""
+    """All that is there is right, and if something is not there, that is reported."""
     assert is_part(session.records, whole.records), where
     assert session.metadata in (whole.metadata, {}), where
     assert session.attachments in (whole.attachments, {}), where
@@ -144,8 +144,8 @@ def test_what_is_recovered_of_any_flip_is_whole_again(tmp_path: Path) -> None:
         mended = read_session(good)
         assert mended.damage == (), position
         assert mended.records == found.records, position
-        said = mended.metadata["recovered"]
-        assert said == {"from": "bad.mcap", "lost": list(found.damage)}, position
+        recovered = mended.metadata["recovered"]
+        assert recovered == {"from": "bad.mcap", "lost": list(found.damage)}, position
         assert {k: v for k, v in mended.metadata.items() if k != "recovered"} == found.metadata
         assert mended.attachments == found.attachments
         assert_nothing_wrong(found, whole, position)
@@ -173,7 +173,7 @@ def test_what_is_recovered_of_any_cut_is_whole_again(tmp_path: Path) -> None:
 @settings(deadline=None, max_examples=100)
 @given(data=st.data())
 def test_any_damage_at_all(data: st.DataObject, whole: tuple[Session, bytes, Path]) -> None:
-    """Stretches missing, overwritten and put in, several of them: never wrong, always said."""
+    """Stretches missing, overwritten and put in, several of them: never wrong, always reported."""
     session, sound, folder = whole
     damaged = bytearray(sound)
     for _ in range(data.draw(st.integers(1, 4))):

@@ -22,7 +22,7 @@ from recorder.errors import BadInput, OutputExists
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Record, Transform
 from recorder.session import Limits, PartedWriter, Session, SessionWriter, read_session
-from recorder.session_parts import parts_beside
+from recorder.session.parts import parts_beside
 
 T_NS = 1_700_000_000_000_000_000
 STEP_NS = 50_000_000
@@ -90,7 +90,7 @@ def test_each_part_alone_is_mapped(tmp_path: Path) -> None:
     assert used == 120
 
 
-def test_a_part_that_is_missing_is_said(tmp_path: Path) -> None:
+def test_a_part_that_is_missing_is_reported(tmp_path: Path) -> None:
     parts = recorded(tmp_path / "run.mcap", Limits(split_s=2.0, min_free_mb=0), 120)
     joined = read_session(parts[0], parts[2])
     assert joined.damage == ("between parts 1 and 3 there are missing ones",)
@@ -98,7 +98,7 @@ def test_a_part_that_is_missing_is_said(tmp_path: Path) -> None:
         read_session(parts[0], parts[1], parts[1])
 
 
-def test_damage_of_a_part_is_said_with_its_name(tmp_path: Path) -> None:
+def test_damage_of_a_part_is_reported_with_its_name(tmp_path: Path) -> None:
     parts = recorded(tmp_path / "run.mcap", Limits(split_s=2.0, min_free_mb=0), 120)
     parts[1].write_bytes(parts[1].read_bytes()[:-300])
     assert [reason.split(":")[0] for reason in read_session(*parts).damage] == ["run-2.mcap"]
@@ -135,8 +135,8 @@ def test_info_of_a_part_names_the_others(
 ) -> None:
     parts = recorded(tmp_path / "run.mcap", Limits(split_s=2.0, min_free_mb=0), 120)
     assert main(["info", *map(str, parts)]) == 0
-    told = [line.strip() for line in capsys.readouterr().out.splitlines() if "part" in line]
-    assert told == [
+    reported = [line.strip() for line in capsys.readouterr().out.splitlines() if "part" in line]
+    assert reported == [
         "part 1 of a recording; other parts beside it: run-2.mcap, run-3.mcap",
         "part 2 of a recording; other parts beside it: run.mcap, run-3.mcap",
         "part 3 of a recording; other parts beside it: run.mcap, run-2.mcap",
@@ -191,7 +191,7 @@ def test_it_stops_before_the_disk_is_full_and_all_is_readable(tmp_path: Path) ->
     with PartedWriter(
         path, Limits(), free_bytes=disk.free_bytes, monotonic_s=disk.monotonic_s
     ) as session:
-        written, told = 0, None
+        written, reported = 0, None
         for log_ns, message in drive(100):
             disk.now_s += 0.05
             disk.free_mb -= 1.0
@@ -199,10 +199,10 @@ def test_it_stops_before_the_disk_is_full_and_all_is_readable(tmp_path: Path) ->
                 session.write(message, log_ns=log_ns)
                 written += 1
             except OSError as error:
-                told = told or error
-        assert told is not None
-        assert told.errno == errno.ENOSPC
-        assert "MB of the disk are free, 200 MB are to stay so" in told.strerror
+                reported = reported or error
+        assert reported is not None
+        assert reported.errno == errno.ENOSPC
+        assert "MB of the disk are free, 200 MB are to stay so" in reported.strerror
     assert 100 <= written <= 120  # it looks once a second, which is 20 messages here
     found = read_session(path)
     assert len(found.records) == written
@@ -299,7 +299,7 @@ def test_a_real_file_system_that_is_full(tmp_path: Path) -> None:
 
 
 def test_a_disk_that_fails_when_the_file_is_finished(tmp_path: Path) -> None:
-    """Nothing was told before: closing says it, and what stands on the disk is readable."""
+    """Nothing was raised before: closing raises it, and what stands on the disk is readable."""
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     path = tmp_path / "run.mcap"
     session = SessionWriter(path, live=True)

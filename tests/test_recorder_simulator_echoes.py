@@ -1,7 +1,8 @@
-"""What simulated sensors hear: against a slow twin, and against what real ones are known to do."""
+"""What simulated sensors measure: against a slow twin, and what is known of real ones."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -12,13 +13,13 @@ from hypothesis.extra import numpy as hnp
 from naive_echoes import nearest_wall
 
 from recorder.geometry import SE2
-from recorder.messages import Radiation
+from recorder.sensors import CATALOGUE, ScanPattern
 from recorder.simulator.echoes import cast, fan, range_reading, scan_reading
-from recorder.simulator.robot import RANGERS, Robot
+from recorder.simulator.robot import Robot
 from recorder.simulator.rooms import ROOMS
 from recorder.simulator.walls import rectangle
 
-PING, DIRRS = RANGERS["ping"], RANGERS["dirrs"]
+PING, DIRRS, LIDAR = (CATALOGUE[name] for name in ("ping", "dirrs", "lidar"))
 ARENA = rectangle((0.0, 0.0), 2.0, 2.0)
 coordinates = st.floats(-5, 5).map(lambda x: round(x, 3))
 headings = st.floats(-math.pi, math.pi)
@@ -35,7 +36,7 @@ def pings(walls_m, sensor, noise=1.0, count=2000, ranger=PING):
     st.lists(headings, min_size=1, max_size=6),
 )
 @settings(deadline=None, max_examples=150)
-def test_rays_meet_what_the_slow_twin_says(walls_m, origin, headings_rad):
+def test_rays_meet_what_the_slow_twin_gives(walls_m, origin, headings_rad):
     walls_m = walls_m[np.linalg.norm(walls_m[:, 1] - walls_m[:, 0], axis=1) > 1e-3]
     assume(len(walls_m))
     hits = cast(walls_m, np.array(origin), np.array(headings_rad))
@@ -82,7 +83,7 @@ def test_a_fan_covers_the_beam_and_its_axis():
 def test_without_noise_a_reading_is_the_exact_distance_along_the_axis(ranger, heading_rad):
     sensor = SE2(0.41, 0.52, heading_rad)
     true_m, _ = nearest_wall(ARENA, (0.41, 0.52), heading_rad)
-    expected_m = true_m if true_m <= ranger.parameters.max_range_m else math.inf
+    expected_m = true_m if true_m <= ranger.max_range_m else math.inf
     readings_m = pings(ARENA, sensor, noise=0.0, count=5, ranger=ranger)
     np.testing.assert_allclose(readings_m, expected_m, rtol=1e-12)
 
@@ -95,7 +96,7 @@ def test_out_of_range_is_infinite():
     assert set(pings(np.array([[[9.0, 0], [9, 1]]]), far, count=50)) == {math.inf}
 
 
-def test_a_wall_ahead_is_heard_with_the_faults_of_a_cheap_sonar():
+def test_a_wall_ahead_is_measured_with_the_faults_of_a_cheap_sonar():
     """Square on, 0.8 m away: 1 % and 5 mm, with 2 % short and 8 % lost."""
     readings_m = pings(ARENA, SE2(0.2, 0.0, 0.0))
     lost = np.isinf(readings_m)
@@ -107,8 +108,8 @@ def test_a_wall_ahead_is_heard_with_the_faults_of_a_cheap_sonar():
     assert usual_m.std() == pytest.approx(math.hypot(0.01 * 0.8, 0.005), rel=0.1)
 
 
-def test_a_cone_hears_what_stands_beside_its_axis():
-    """A post 15 degrees off the axis, with nothing else: heard, though the axis passes it by."""
+def test_a_cone_measures_what_stands_beside_its_axis():
+    """A post 15 degrees off the axis, with nothing else: measured, though the axis passes it by."""
     c, s = 0.6 * math.cos(math.radians(15.0)), 0.6 * math.sin(math.radians(15.0))
     post = rectangle((c, s), 0.06, 0.06, math.radians(15.0))
     readings_m = pings(post, SE2(0.0, 0.0, 0.0), count=500)
@@ -146,14 +147,14 @@ def test_a_whole_run_has_the_known_shares_of_bad_pings():
         rng = np.random.default_rng(5)
         for k in range(0, 1200, 3):
             pose = robot.world_from_base(k * 50_000_000) @ PING.mount
-            heard_m = range_reading(room.walls_m, pose, PING, 1.0, rng)
+            measured_m = range_reading(room.walls_m, pose, PING, 1.0, rng)
             rays = cast(
                 room.walls_m,
                 np.array([pose.x_m, pose.y_m]),
                 pose.heading_rad + fan(PING.parameters.beam_width_rad),
             )
-            lost += heard_m == math.inf
-            longer += math.isfinite(heard_m) and heard_m > rays.distance_m.min() + 0.1
+            lost += measured_m == math.inf
+            longer += math.isfinite(measured_m) and measured_m > rays.distance_m.min() + 0.1
             total += 1
     assert 0.25 < longer / total < 0.42
     assert 0.07 < lost / total < 0.16
@@ -174,24 +175,33 @@ def test_noise_scales_the_faults_and_not_the_number_of_draws():
 
 @pytest.mark.parametrize("noise", [0.0, 1.0])
 def test_a_scan_is_the_twin_s_with_a_centimetre_of_noise(noise):
-    pose, bearings_rad = SE2(0.3, -0.2, 0.5), np.radians(np.arange(-180.0, 180.0))
+    pose, pattern = SE2(0.3, -0.2, 0.5), LIDAR.scan
     rng = np.random.default_rng(2)
-    ranges_m = scan_reading(ARENA, pose, bearings_rad, 0.05, 12.0, noise, rng)
-    true_m = np.array([nearest_wall(ARENA, (0.3, -0.2), 0.5 + b)[0] for b in bearings_rad])
+    ranges_m = scan_reading(ARENA, pose, LIDAR, pattern, noise, rng)
+    true_m = np.array([nearest_wall(ARENA, (0.3, -0.2), 0.5 + b)[0] for b in pattern.bearings_rad])
     error_m = ranges_m - true_m
     if noise == 0.0:
         assert np.abs(error_m).max() < 1e-9
     else:
         assert error_m.std() == pytest.approx(0.01, rel=0.15)
         assert abs(error_m.mean()) < 0.003
-    short = scan_reading(ARENA, pose, bearings_rad, 0.75, 1.0, noise, rng)
+    short = ScanPattern(360, -180.0, 1.0, reach_m=1.0)
+    near = dataclasses.replace(LIDAR, min_range_m=0.75)
+    short = scan_reading(ARENA, pose, near, short, noise, rng)
     assert set(np.sign(short[np.isinf(short)])) == {-1.0, 1.0}
 
 
-def test_the_rangers_are_the_known_ones():
-    assert (PING.parameters.radiation, DIRRS.parameters.radiation) == (
-        Radiation.ULTRASOUND,
-        Radiation.INFRARED,
-    )
-    assert math.degrees(PING.parameters.beam_width_rad) == pytest.approx(38.0)
-    assert (PING.mount.x_m, DIRRS.mount.x_m) == (0.044, -0.0312)
+def test_light_over_a_wide_cone_is_averaged_and_rounded():
+    """Half of the cone meets a post at 0.5 m, the rest a wall at 1 m: the range lies between."""
+    tof = CATALOGUE["vl53l0x"]
+    walls_m = np.array([[[0.5, 0.0], [0.5, 0.5]], [[1.0, -2.0], [1.0, 2.0]]])
+    readings_m = pings(walls_m, SE2(0.0, 0.0, 0.0), ranger=tof, count=500)
+    assert 0.5 < np.median(readings_m) < 0.75  # more light returns from what is near
+    np.testing.assert_allclose(readings_m, np.round(readings_m, 3), atol=1e-12)
+    assert np.isinf(pings(walls_m, SE2(0.0, 0.0, math.pi), ranger=tof, count=50)).all()
+
+
+def test_a_sensor_that_clips_reports_its_least_range():
+    maxbotix, near = CATALOGUE["mb1010"], SE2(0.95, 0.0, 0.0)
+    readings_m = pings(ARENA, near, ranger=maxbotix, count=300)
+    assert set(readings_m[np.isfinite(readings_m)]) == {maxbotix.min_range_m}

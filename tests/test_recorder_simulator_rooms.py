@@ -14,10 +14,10 @@ from hypothesis.extra import numpy as hnp
 from naive_echoes import nearest_wall, point_to_wall
 
 from recorder.errors import BadInput
-from recorder.simulator.room_files import room_to_geojson, walls_from_geojson
 from recorder.simulator.rooms import ROOMS, Room, check_route, load_room, parse_route
 from recorder.simulator.routes import ROBOT_RADIUS_M, default_route, inside
 from recorder.simulator.walls import disc, leg_clearance, path, point_clearance, rectangle
+from recorder.truth import walls_from_geojson, walls_to_geojson
 
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [0.0, 0.0]]
 walls_arrays = hnp.arrays(
@@ -61,14 +61,13 @@ def test_rooms_have_no_hole_in_their_outer_walls(name):
 @given(walls_arrays.filter(len))
 @settings(deadline=None)
 def test_walls_come_back_from_geojson_exactly(walls_m):
-    room = Room("any", walls_m, np.zeros((1, 2)))
-    again = walls_from_geojson(room_to_geojson(room))
+    again = walls_from_geojson(walls_to_geojson(walls_m, "any"))
     assert again.tobytes() == walls_m.tobytes()
 
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_built_in_rooms_come_back_from_geojson_exactly(name):
-    data = room_to_geojson(ROOMS[name])
+    data = walls_to_geojson(ROOMS[name].walls_m, name)
     np.testing.assert_array_equal(walls_from_geojson(data), ROOMS[name].walls_m)
     assert geojson.loads(data)["features"][0].is_valid
 
@@ -128,7 +127,7 @@ def test_what_is_no_room_is_refused_in_one_line(data, reason):
 def test_rooms_are_found_by_name_and_by_file(tmp_path):
     assert load_room("pillar") is ROOMS["pillar"]
     file = tmp_path / "flat.geojson"
-    file.write_bytes(room_to_geojson(ROOMS["l-room"]))
+    file.write_bytes(walls_to_geojson(ROOMS["l-room"].walls_m, "l-room"))
     room = load_room(file)
     assert room.name == "flat"
     np.testing.assert_array_equal(room.walls_m, ROOMS["l-room"].walls_m)

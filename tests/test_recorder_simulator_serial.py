@@ -76,7 +76,7 @@ def port(robot):
 # --- the line
 
 
-def test_it_says_who_it_is_and_then_what_it_measures(robot, port):
+def test_it_reports_who_it_is_and_then_what_it_measures(robot, port):
     packets = endless(port)
     next(packet for packet in packets if packet.report is not None and packet.seq > 9)
     robot.restart()
@@ -92,32 +92,32 @@ def test_it_says_who_it_is_and_then_what_it_measures(robot, port):
     assert {p.report.head for p in packets if isinstance(p.report, HeadReport)} == {"head"}
 
 
-def test_the_line_says_what_the_simulation_says(monkeypatch):
-    """The sequence number tells which event a line is: the robot starts before anybody listens."""
+def test_the_line_carries_what_the_simulation_reports(monkeypatch):
+    """The sequence number is that of the event a line holds: the robot starts before its reader."""
     monkeypatch.setattr(serial_robot, "HELLO_PERIOD_NS", 10**18)
-    twin = (event.said for event in Robot(ROOM, seed=3, head_sweep_deg=40.0).events())
-    said = [HELLO, LogReport("boot")]
+    twin = (event.report for event in Robot(ROOM, seed=3, head_sweep_deg=40.0).events())
+    sent = [HELLO, LogReport("boot")]
     with (
         SerialRobot(ROOM, seed=3, speed=10.0, head_sweep_deg=40.0) as robot,
         serial.Serial(robot.device, timeout=10) as port,
     ):
         packets = [packet for packet in listen(port, 300) if packet.report is not None]
-    while len(said) <= packets[-1].seq:
-        said += [report for report in [next(twin)] if not isinstance(report, Pose)]
+    while len(sent) <= packets[-1].seq:
+        sent += [report for report in [next(twin)] if not isinstance(report, Pose)]
     for packet in packets:
-        match said[packet.seq], packet.report:
-            case RangeReport(sensor, range_m), RangeReport() as heard:
-                assert heard.sensor == sensor
-                assert heard.range_m == pytest.approx(range_m, abs=0.00051)
-            case HeadReport(head, angle_rad), HeadReport() as heard:
-                assert heard.head == head
-                assert heard.angle_rad == pytest.approx(angle_rad, abs=0.0001)
-            case expected, heard:
-                assert heard == expected
+        match sent[packet.seq], packet.report:
+            case RangeReport(sensor, range_m), RangeReport() as received:
+                assert received.sensor == sensor
+                assert received.range_m == pytest.approx(range_m, abs=0.00051)
+            case HeadReport(head, angle_rad), HeadReport() as received:
+                assert received.head == head
+                assert received.angle_rad == pytest.approx(angle_rad, abs=0.0001)
+            case expected, received:
+                assert received == expected
     assert len(packets) > 250
 
 
-def test_it_says_again_who_it_is(monkeypatch):
+def test_it_reports_again_who_it_is(monkeypatch):
     monkeypatch.setattr(serial_robot, "HELLO_PERIOD_NS", 20_000_000)
     with (
         SerialRobot(ROOM, speed=25.0) as robot,
@@ -133,21 +133,21 @@ def test_the_counters_of_the_device_begin_at_its_boot_and_wrap():
     firmware.boot(1_000_000_000)
     protocol = EchogridProtocol()
 
-    def said(report, t_ns):
+    def packet_of(report, t_ns):
         (packet,) = protocol.feed(firmware.line(report, t_ns))
         return packet
 
-    first = said(WheelReport(60_000, 65_000), 1_250_000_000)
+    first = packet_of(WheelReport(60_000, 65_000), 1_250_000_000)
     assert (first.seq, first.device_ms, first.report) == (0, 250, WheelReport(0, 0))
-    assert said(WheelReport(1_000, 65_003), 1_300_000_000).report == WheelReport(6_536, 3)
+    assert packet_of(WheelReport(1_000, 65_003), 1_300_000_000).report == WheelReport(6_536, 3)
     for _ in range(65_534):
         last = firmware.line(HELLO, 0)
     (packet,) = protocol.feed(last)
     assert (packet.seq, packet.device_ms) == (65_535, 0)
-    assert said(HELLO, 0).seq == 0
-    assert said(HELLO, 1_000_000_000 + (2**32 + 5) * 1_000_000).device_ms == 5
+    assert packet_of(HELLO, 0).seq == 0
+    assert packet_of(HELLO, 1_000_000_000 + (2**32 + 5) * 1_000_000).device_ms == 5
     firmware.boot(9_000_000_000)
-    again = said(WheelReport(7, 7), 9_001_000_000)
+    again = packet_of(WheelReport(7, 7), 9_001_000_000)
     assert (again.seq, again.device_ms, again.report) == (0, 1, WheelReport(0, 0))
 
 
@@ -187,7 +187,7 @@ def test_unplugged_and_plugged_in_again(robot, port):
 
 
 def test_nobody_reads_and_the_robot_drives_on(robot):
-    """It goes on telling the tracker, and who comes late gets new lines, not old ones."""
+    """It goes on sending poses, and who comes late gets new lines, not old ones."""
     before = robot.counts["sent"]
     while robot.counts["sent"] < before + 4000:
         tracked(robot.tracker_url, 5)
@@ -268,7 +268,7 @@ def test_a_terminal_throws_away_what_waited_too_long(tmp_path):
         terminal.close()
 
 
-def test_it_tells_where_its_sensors_sit(robot):
+def test_it_knows_where_its_sensors_sit(robot):
     """On the head, as it turns."""
     assert robot.mounts() == Robot(ROOM, seed=0, head_sweep_deg=40.0).mounts()
     assert {carrier for carrier, _ in robot.mounts().values()} == {"head"}
@@ -277,7 +277,7 @@ def test_it_tells_where_its_sensors_sit(robot):
 # --- the tracker
 
 
-def test_the_tracker_says_where_the_robot_is(robot):
+def test_the_tracker_reports_where_the_robot_is(robot):
     poses = tracked(robot.tracker_url, 20)
     now_s = time.time()
     assert all(set(pose) == {"t_s", "x", "y", "heading_deg"} for pose in poses)

@@ -94,7 +94,7 @@ def test_its_time_is_used_while_it_is_plausible(
         line(padding="x" * MAX_LINE_BYTES),
     ],
 )
-def test_lines_without_a_pose_are_told_not_raised(data: bytes) -> None:
+def test_lines_without_a_pose_are_reported_not_raised(data: bytes) -> None:
     assert isinstance(read_pose(data, NOW_NS), BadTrackerLine)
 
 

@@ -46,7 +46,7 @@ def packet(report: Report, seq: int | None = 0, ms: int | None = 0) -> Packet:
     return Packet(b"as it came", report, seq, ms)
 
 
-def said(translator: Translator, report: Report, seq: int = 0, ms: int = 0) -> list[Message]:
+def translated(translator: Translator, report: Report, seq: int = 0, ms: int = 0) -> list[Message]:
     """Everything but the raw line."""
     pairs = list(translator.packet(packet(report, seq, ms), NOW_NS + ms * NS_PER_MS))
     assert all(log_ns == NOW_NS + ms * NS_PER_MS for log_ns, _ in pairs)
@@ -54,7 +54,7 @@ def said(translator: Translator, report: Report, seq: int = 0, ms: int = 0) -> l
     return [message for _, message in pairs[1:]]
 
 
-def test_one_line_may_say_several_things() -> None:
+def test_one_line_may_carry_several_things() -> None:
     translator = Translator()
     packet = Packet(
         b"1,50,,30\n",
@@ -80,10 +80,10 @@ def test_every_fault_has_a_counter() -> None:
 
 def test_ranges_carry_what_is_known_of_their_sensor() -> None:
     translator = Translator()
-    assert said(translator, RangeReport("ping", math.inf)) == [
+    assert translated(translator, RangeReport("ping", math.inf)) == [
         Range(NOW_NS, "ping", math.inf, math.radians(38), 0.02, 4.0, Radiation.ULTRASOUND)
     ]
-    assert said(translator, RangeReport("dirrs", -math.inf), 1) == [
+    assert translated(translator, RangeReport("dirrs", -math.inf), 1) == [
         Range(NOW_NS, "dirrs", -math.inf, math.radians(6), 0.1, 0.8, Radiation.INFRARED)
     ]
     assert translator.tally["unknown_sensors"] == 0
@@ -92,7 +92,7 @@ def test_ranges_carry_what_is_known_of_their_sensor() -> None:
 def test_unknown_sensors_get_defaults_and_are_counted_by_name() -> None:
     translator = Translator()
     for seq, name in enumerate(["left", "right", "left"]):
-        (message,) = said(translator, RangeReport(name, 0.5), seq)
+        (message,) = translated(translator, RangeReport(name, 0.5), seq)
         assert message == Range(
             NOW_NS, name, 0.5, math.radians(38), 0.02, 4.0, Radiation.ULTRASOUND
         )
@@ -103,7 +103,7 @@ def test_given_sensors_go_before_the_built_in_ones() -> None:
     mine = SensorParameters(0.5, 0.03, 3.0, Radiation.ULTRASOUND)
     translator = Translator(sensors={"ping": mine, "front": mine})
     for seq, name in enumerate(["ping", "front"]):
-        (message,) = said(translator, RangeReport(name, 1.0), seq)
+        (message,) = translated(translator, RangeReport(name, 1.0), seq)
         assert isinstance(message, Range)
         assert (message.beam_width_rad, message.max_range_m) == (0.5, 3.0)
     assert translator.tally["unknown_sensors"] == 0
@@ -111,22 +111,24 @@ def test_given_sensors_go_before_the_built_in_ones() -> None:
 
 def test_the_other_reports() -> None:
     translator = Translator()
-    assert said(translator, HeadReport("head", 0.5)) == [
+    assert translated(translator, HeadReport("head", 0.5)) == [
         Transform(NOW_NS, "base_link", "head", SE2(0.0, 0.0, 0.5), static=False)
     ]
-    assert said(translator, PoseReport(1.0, 2.0, 3.0), 1) == [Pose(NOW_NS, SE2(1.0, 2.0, 3.0))]
-    assert said(translator, LogReport("hello"), 2) == []
-    assert said(translator, WheelReport(1, 2), 3) == []  # nobody said how large the wheels are
+    assert translated(translator, PoseReport(1.0, 2.0, 3.0), 1) == [
+        Pose(NOW_NS, SE2(1.0, 2.0, 3.0))
+    ]
+    assert translated(translator, LogReport("hello"), 2) == []
+    assert translated(translator, WheelReport(1, 2), 3) == []  # the size of the wheels is not known
     hello = HelloReport(1, "boe", "1.0")
-    assert said(translator, hello, 4) == []
+    assert translated(translator, hello, 4) == []
     assert translator.hello == hello
     assert translator.tally["received"] == 5
 
 
 def test_wheel_counts_become_odometry_and_a_restart_moves_nothing() -> None:
     translator = Translator(wheels=WheelGeometry(ticks_per_m=1000.0, track_m=0.1))
-    said(translator, WheelReport(0, 0), 10, 5000)
-    (message,) = said(translator, WheelReport(500, 500), 11, 5100)
+    translated(translator, WheelReport(0, 0), 10, 5000)
+    (message,) = translated(translator, WheelReport(500, 500), 11, 5100)
     assert message == Odometry(NOW_NS + 5100 * NS_PER_MS, SE2(0.5, 0.0, 0.0))
     (pair,) = list(translator.packet(packet(WheelReport(7, 7), 0, 20), NOW_NS + 6 * NS_PER_S))[1:]
     assert pair[1] == Odometry(NOW_NS + 6 * NS_PER_S, SE2(0.5, 0.0, 0.0))
@@ -151,15 +153,15 @@ def test_bad_lines_are_kept_as_they_came_and_counted() -> None:
     st.integers(0, 2**32 - 1),
 )
 @settings(deadline=None)
-def test_gaps_are_the_lines_missing_between_the_first_and_the_last_heard(
-    first_seq: int, heard: list[bool], first_ms: int
+def test_gaps_are_the_lines_missing_between_the_first_and_the_last_received(
+    first_seq: int, received: list[bool], first_ms: int
 ) -> None:
     translator = Translator()
-    for i, arrives in enumerate(heard):
+    for i, arrives in enumerate(received):
         if arrives:
             one = packet(PING, (first_seq + i) % 2**16, (first_ms + 50 * i) % 2**32)
             list(translator.packet(one, NOW_NS + 50 * i * NS_PER_MS))
-    indices = [i for i, arrives in enumerate(heard) if arrives]
+    indices = [i for i, arrives in enumerate(received) if arrives]
     missing = indices[-1] - indices[0] + 1 - len(indices) if indices else 0
     assert translator.tally["gaps"] == missing
     assert translator.tally["device_restarts"] == 0
@@ -204,7 +206,7 @@ def test_a_restart_is_no_gap(last_seq: int) -> None:
 
 
 def test_a_restart_that_only_the_numbers_show() -> None:
-    # up for 1 s, off for 5 s, and heard after the boot: its clock seems to go on
+    # up for 1 s, off for 5 s, and received after the boot: its clock seems to go on
     translator = Translator()
     list(translator.packet(packet(PING, 20, 1000), NOW_NS))
     pairs = list(translator.packet(packet(PING, 5, 3000), NOW_NS + 7 * NS_PER_S))

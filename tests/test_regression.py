@@ -51,8 +51,8 @@ def test_a_golden_map_holds_all_that_can_go_wrong() -> None:
         values = layer.values.copy()
         values[7, 11] += 1e-6
         changed = value_layer(name, layer.kind, layer.geometry, values)
-        told = report(golden, _with(golden, name, changed))
-        (found,) = [each for each in told.layers if each.cells.differ]
+        compared = report(golden, _with(golden, name, changed))
+        (found,) = [each for each in compared.layers if each.cells.differ]
         assert found.name == name
         assert found.cells.differ == 1
         assert (found.cells.worst[0].row, found.cells.worst[0].col) == (7, 11)

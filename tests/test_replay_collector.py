@@ -60,7 +60,7 @@ class Pair:
     other: object
 
 
-def test_anything_can_be_said_in_json() -> None:
+def test_anything_can_be_written_as_json() -> None:
     value = Pair(
         {"a": (1, True, None), 2: Path("x") / "y"},
         [

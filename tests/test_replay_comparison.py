@@ -1,4 +1,4 @@
-"""Several maps of one session: which they are, how they differ, and what is said of them."""
+"""Several maps of one session: which they are, how they differ, and what is reported of them."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ from recorder.session import read_session
 from replay.comparison import Variant, from_files, from_values
 from replay.comparison_run import compare_session
 from replay.comparison_steps import Distances, Moment, in_step
-from replay.comparison_table import comparison_lines, footnotes, same_maps, table_of
+from replay.comparison_table import footnotes, map_rows, same_maps, table_of
 from replay.mapping_run import map_session
-from replay.rrd.comparison_words import Told, describe_moment
-from replay.rrd.rooted import read_maps
+from replay.rrd.comparison_explanation import Compared, describe_moment
+from replay.rrd.reader import read_maps
 
 FINITE = {"allow_nan": False, "allow_infinity": False}
 POSES = st.builds(
@@ -95,7 +95,7 @@ def test_values_of_any_key_make_names(compare: str, expected: list[str]) -> None
 
 
 @pytest.mark.parametrize(
-    ("arguments", "told"),
+    ("arguments", "message"),
     [
         (["--compare", "rulez"], "unknown comparison 'rulez'; the nearest known one is rules"),
         (["--compare", "foo"], "there are rules, models, pose, or A.B=C,D with values of one key"),
@@ -114,8 +114,8 @@ def test_values_of_any_key_make_names(compare: str, expected: list[str]) -> None
         (["--config", "{a}", "--config", "{rule}"], "rule: unknown update rule 'never'"),
     ],
 )
-def test_what_cannot_be_compared_is_told_in_one_line(
-    arguments: list[str], told: str, session: Path, tmp_path: Path,
+def test_what_cannot_be_compared_is_reported_in_one_line(
+    arguments: list[str], message: str, session: Path, tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     (tmp_path / "other").mkdir()
@@ -133,7 +133,7 @@ def test_what_cannot_be_compared_is_told_in_one_line(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert len(captured.err.splitlines()) == 1
-    assert told in captured.err
+    assert message in captured.err
     assert not out.exists()
 
 
@@ -202,7 +202,7 @@ def test_the_table_counts_cells_and_compares_them_where_they_lie() -> None:
     same = layer([[0.5, 0.5, 0.5, 0.5], [0.5, 0.95, 0.2, 0.5], [0.5, 0.53, 0.6, 0.3]], (-1.0, -1.0))
     other = layer([[0.1, 0.1, 0.9], [0.52, 0.9, 0.1]])
     snapshots = {"first": [first], "same": [same], "other": [other]}
-    lines = comparison_lines(snapshots, "ping", dict.fromkeys(snapshots, 0.55))
+    lines = map_rows(snapshots, "ping", dict.fromkeys(snapshots, 0.55))
     assert [(x.occupied, x.free, x.undecided) for x in lines] == [(2, 2, 1), (2, 2, 1), (2, 3, 1)]
     assert [line.differs for line in lines] == [None, 0.0, pytest.approx(2 / 6)]
     table = table_of(lines)
@@ -213,7 +213,7 @@ def test_the_table_counts_cells_and_compares_them_where_they_lie() -> None:
 def test_bayes_is_what_the_others_are_held_against_where_it_takes_part() -> None:
     a, b = layer([[0.9, 0.1]]), layer([[0.9, 0.9]])
     snapshots = {"count": [replace(a, rule="count")], "bayes": [b], "odds": [b]}
-    lines = comparison_lines(snapshots, "ping", dict.fromkeys(snapshots, 0.55))
+    lines = map_rows(snapshots, "ping", dict.fromkeys(snapshots, 0.55))
     assert [line.differs for line in lines] == [0.5, None, 0.0]
     assert table_of(lines)[0][-1] == "differs from bayes"
     assert footnotes(lines) == [
@@ -221,7 +221,7 @@ def test_bayes_is_what_the_others_are_held_against_where_it_takes_part() -> None
     ]
     assert footnotes(lines[1:]) == []
     only_called_so = {"x": [a], "bayes": [replace(b, rule="count")]}
-    lines = comparison_lines(only_called_so, "ping", dict.fromkeys(only_called_so, 0.55))
+    lines = map_rows(only_called_so, "ping", dict.fromkeys(only_called_so, 0.55))
     assert table_of(lines)[0][-1] == "differs from x"
 
 
@@ -230,15 +230,15 @@ def test_maps_that_are_the_same_are_named() -> None:
     snapshots = {"a": [one], "b": [other], "c": [one], "d": [one]}
     thresholds = dict.fromkeys(snapshots, 0.55)
     none: dict[str, list[Segment]] = {name: [] for name in snapshots}
-    told = "are the same map: what was varied changed nothing"
-    assert same_maps(snapshots, none, thresholds) == [f"a, c and d {told}"]
+    message = "are the same map: what was varied changed nothing"
+    assert same_maps(snapshots, none, thresholds) == [f"a, c and d {message}"]
     line = Segment("ping", "grid", 0, (0, 0), (1, 0), 0.0, 0.0, np.zeros((2, 2)), 0.0, 9)
-    assert same_maps(snapshots, {**none, "c": [line]}, thresholds) == [f"a and d {told}"]
-    assert same_maps(snapshots, none, {**thresholds, "d": 0.6}) == [f"a and c {told}"]
+    assert same_maps(snapshots, {**none, "c": [line]}, thresholds) == [f"a and d {message}"]
+    assert same_maps(snapshots, none, {**thresholds, "d": 0.6}) == [f"a and c {message}"]
     assert same_maps(snapshots, {**none, "c": [line]}, {**thresholds, "d": 0.6}) == []
 
 
-def test_a_key_that_changes_nothing_is_said_to(
+def test_a_key_that_changes_nothing_is_reported(
     session: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     for compare, same in (("regions=6,12", True), ("beam_width_deg=10,38", False)):
@@ -261,10 +261,10 @@ def test_progress_counts_the_readings(session: Path) -> None:
         session, variants[0].config, rrd=None, export=None,
         progress=lambda done, total: alone.append((done, total)),
     )  # fmt: skip
-    for told in (compared, alone):
-        assert {total for _, total in told} == {readings}
-        assert [done for done, _ in told] == sorted(done for done, _ in told)
-        assert told[-1] == (readings, readings)
+    for calls in (compared, alone):
+        assert {total for _, total in calls} == {readings}
+        assert [done for done, _ in calls] == sorted(done for done, _ in calls)
+        assert calls[-1] == (readings, readings)
 
 
 def test_the_rule_of_a_fused_map_is_that_of_its_layers(session: Path) -> None:
@@ -272,15 +272,15 @@ def test_the_rule_of_a_fused_map_is_that_of_its_layers(session: Path) -> None:
     variants = from_values("sensors.ping.update=himm,count", settings=settings_)
     results = compare_session(session, variants, rrd=None, export=None).results
     snapshots = {name: result.snapshots for name, result in results.items()}
-    lines = comparison_lines(snapshots, FUSED, dict.fromkeys(snapshots, 0.55))
+    lines = map_rows(snapshots, FUSED, dict.fromkeys(snapshots, 0.55))
     assert [set(line.rule.split(", ")) for line in lines] == [{"himm", "odds"}, {"count", "odds"}]
 
 
-# In words
+# In text
 
 
-def words_of(session: Path, variants: list[Variant]) -> Iterator[tuple[Moment, str]]:
-    """Each moment of a comparison, and what is said of it."""
+def explanations_of(session: Path, variants: list[Variant]) -> Iterator[tuple[Moment, str]]:
+    """Each moment of a comparison, and its explanation."""
     messages = list(read_session(session).messages())
     begun: dict[str, Started] = {}
     finals: dict[str, list[Snapshot]] = {variant.name: [] for variant in variants}
@@ -293,27 +293,27 @@ def words_of(session: Path, variants: list[Variant]) -> Iterator[tuple[Moment, s
                 begun[name] = artifact
             if isinstance(artifact, Snapshot) and artifact.final:
                 finals[name].append(artifact)
-        yield moment, describe_moment(moment, Told(by_name, begun, finals, distances, ""))
+        yield moment, describe_moment(moment, Compared(by_name, begun, finals, distances, ""))
 
 
-def test_each_step_is_told_for_all_maps(session: Path) -> None:
-    said: dict[str, list[str]] = {}
-    for moment, text in words_of(session, from_values("pose", settings=[COARSE])):
+def test_each_step_is_explained_for_all_maps(session: Path) -> None:
+    texts: dict[str, list[str]] = {}
+    for moment, text in explanations_of(session, from_values("pose", settings=[COARSE])):
         assert text.startswith("## ")
         kinds = {type(artifact).__name__ for artifact in moment.values()}
-        said.setdefault("/".join(sorted(kinds)), []).append(text)
-    assert "- **odom**: dead reckoning" in said["Started"][0]
-    assert "In **odom** the robot stands **0." in said["Beam"][-1]
-    assert all("| pose |" in text and "| odom |" in text for text in said["MergedGrid"])
-    assert any(" → **" in text for text in said["MergedGrid"])
-    assert "differs from pose" in said["Finished"][-1]
-    assert "odom: the robot ends" in said["Finished"][-1]
+        texts.setdefault("/".join(sorted(kinds)), []).append(text)
+    assert "- **odom**: dead reckoning" in texts["Started"][0]
+    assert "In **odom** the robot stands **0." in texts["Beam"][-1]
+    assert all("| pose |" in text and "| odom |" in text for text in texts["MergedGrid"])
+    assert any(" → **" in text for text in texts["MergedGrid"])
+    assert "differs from pose" in texts["Finished"][-1]
+    assert "odom: the robot ends" in texts["Finished"][-1]
 
 
-def test_what_all_maps_hear_alike_is_said_once(session: Path) -> None:
+def test_evidence_that_all_maps_share_is_explained_once(session: Path) -> None:
     variants = from_values("sensors.*.update=bayes,count", settings=[COARSE])
     temps = [
-        text for moment, text in words_of(session, variants)
+        text for moment, text in explanations_of(session, variants)
         if isinstance(moment.get("bayes"), TempGrid)
     ]  # fmt: skip
     assert temps
@@ -331,9 +331,9 @@ def test_two_files_make_two_maps_and_two_folders(
     out, rrd = tmp_path / "out", tmp_path / "ab.rrd"
     both = ["--config", str(a), "--config", str(b), "--set", COARSE]
     assert main(["map", str(session), "-o", str(rrd), *both, "--export", str(out)]) == 0
-    told = capsys.readouterr().out
-    assert "differs from a" in told
-    assert f"wrote {rrd} and {out}" in told
+    message = capsys.readouterr().out
+    assert "differs from a" in message
+    assert f"wrote {rrd} and {out}" in message
     for name, config in (("a", a), ("b", b)):
         alone = tmp_path / f"alone-{name}"
         one = ["--config", str(config), "--set", COARSE, "--quiet"]

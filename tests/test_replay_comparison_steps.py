@@ -23,9 +23,8 @@ from recorder.session import read_session
 from replay.comparison import Variant, from_values
 from replay.comparison_run import compare_session
 from replay.comparison_steps import in_step
-from replay.rrd.comparison import ComparisonWriter
-from replay.rrd.reader import read_rrd
-from replay.rrd.rooted import read_maps
+from replay.rrd.comparison import comparison_writer
+from replay.rrd.reader import read_maps, read_rrd
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +81,7 @@ def test_alike_runs_share_every_moment() -> None:
     assert all(moment["a"] is moment["b"] for moment in moments)
 
 
-def test_readings_of_one_time_are_told_apart() -> None:
+def test_readings_of_one_time_are_distinguished() -> None:
     still = [Range(5, "ping", 1.0, 0.1, 0.0, 4.0, Radiation.ULTRASOUND) for _ in range(4)]
     beam = RUN.beam(0)
     beams = [Beam(i, 5, "ping", "ping", beam.world_from_base, beam.world_from_sensor,
@@ -179,7 +178,7 @@ def test_the_same_step_is_the_same_reading_in_all_maps(
             )  # fmt: skip
 
 
-def test_a_small_file_shows_the_same_readings_of_all_and_says_so(
+def test_a_small_file_shows_the_same_readings_of_all_and_reports_it(
     session: Path, tmp_path: Path
 ) -> None:
     whole, path = tmp_path / "whole.rrd", tmp_path / "small.rrd"
@@ -227,9 +226,9 @@ def test_a_broken_off_comparison_leaves_nothing_behind(tmp_path: Path) -> None:
     variants = [Variant("a", load_config()), Variant("b", load_config())]
 
     def broken() -> Iterator[None]:
-        with ComparisonWriter(path, variants, name="made") as writer:
+        with comparison_writer(path, variants, name="made") as writer:
             for number, artifact in enumerate(ARTIFACTS):
-                writer.take({"a": artifact, "b": artifact})
+                writer({"a": artifact, "b": artifact})
                 if number == 9:
                     raise KeyboardInterrupt
         yield

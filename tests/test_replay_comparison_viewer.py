@@ -21,7 +21,7 @@ from recorder.messages import Radiation, Range
 from replay.comparison import Variant
 from replay.comparison_steps import in_step
 from replay.rrd import layout
-from replay.rrd.comparison import ComparisonWriter
+from replay.rrd.comparison import comparison_writer
 from replay.rrd.headless import HeadlessViewer
 
 PATIENCE = 60  # how often a picture is asked for until it shows what it must
@@ -29,7 +29,7 @@ PATIENCE = 60  # how often a picture is asked for until it shows what it must
 MARGINS_M = {"wide": 0.15, "middle": 0.35, "small": 0.55}
 ROOMS = {
     name: MadeRun(
-        sensors=(("dirrs", 6.0),), readings=180, turn_rad=0.25, tell_walls=False,
+        sensors=(("dirrs", 6.0),), readings=180, turn_rad=0.25, knows_walls=False,
         wall_margin_m=margin_m,
     )
     for name, margin_m in MARGINS_M.items()
@@ -47,9 +47,9 @@ def path(runs: dict[str, list[Artifact]], tmp_path_factory: pytest.TempPathFacto
     beams = [a for a in runs["wide"] if isinstance(a, Beam)]
     messages = [Range(b.t_ns, b.sensor, 1.0, 0.1, 0.0, 4.0, Radiation.INFRARED) for b in beams]
     variants = [Variant(name, load_config()) for name in runs]
-    with ComparisonWriter(path, variants, name="rooms") as writer:
+    with comparison_writer(path, variants, name="rooms") as writer:
         for moment in in_step(runs, messages):
-            writer.take(moment)
+            writer(moment)
     return path
 
 

@@ -78,11 +78,11 @@ def test_results_on_the_way_are_no_results(session: str, here: Digests, tmp_path
     at_the_end = (SETTINGS[0], *SETTINGS[2:])
     alone = exported(session, str(tmp_path / "out"), at_the_end)
     assert {name for name in here if here[name] != alone.get(name)} == {"summary.json"}
-    told = [
+    texts = [
         map_session(Path(session), load_config(settings=each), rrd=None, export=None).segments
         for each in (SETTINGS, at_the_end)
     ]
-    assert repr(told[0]) == repr(told[1])
+    assert repr(texts[0]) == repr(texts[1])
 
 
 @pytest.mark.parametrize(("threads", "hash_seed", "zone"), [(1, 0, "UTC"), (2, 1234, "Asia/Tokyo")])

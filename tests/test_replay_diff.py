@@ -17,8 +17,9 @@ from recorder.errors import BadInput
 from replay.diff.alignment import align
 from replay.diff.cells import cell_figures
 from replay.diff.comparing import Report, report
-from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Line, Outline, Source, classes_of
+from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Line, MapLayer, Outline, Source, value_layer
 from replay.diff.lines import border_figures, line_figures
+from replay.diff.report_text import as_json, summary
 from replay.diff.verdict import (
     OTHER,
     SAME,
@@ -27,7 +28,6 @@ from replay.diff.verdict import (
     LayerVerdict,
     sharpest_first,
 )
-from replay.diff.words import as_json, summary
 
 ROWS, COLS = 9, 12
 ORDINARY = st.floats(0, 1, width=32)
@@ -156,6 +156,11 @@ def test_iou_and_class_changes_by_hand() -> None:
     assert cells.differ == 2
 
 
+def layer_of(kind: str, values: np.ndarray, extra: dict[str, np.ndarray] | None = None) -> MapLayer:
+    grid = GridGeometry((0.0, 0.0), 0.1, *values.shape)
+    return value_layer("ping", kind, grid, values, extra=extra)
+
+
 @pytest.mark.parametrize(
     ("kind", "values", "classes"),
     [
@@ -167,12 +172,14 @@ def test_iou_and_class_changes_by_hand() -> None:
     ],
 )
 def test_classes_of_each_unit(kind: str, values: list[float], classes: list[int]) -> None:
-    assert classes_of(kind, np.array([values], np.float32))[0].tolist() == classes
+    layer = layer_of(kind, np.array([values], np.float32))
+    assert layer.classes[0].tolist() == classes
 
 
 def test_masses_use_what_is_unknown() -> None:
     extra = {"occupied": np.array([[0.0, 0.2, 0.6]]), "unknown": np.array([[1.0, 0.1, 0.1]])}
-    assert classes_of("mass", extra["occupied"], extra)[0].tolist() == [UNKNOWN, FREE, OCCUPIED]
+    layer = layer_of("mass", extra["occupied"], extra)
+    assert layer.classes[0].tolist() == [UNKNOWN, FREE, OCCUPIED]
 
 
 def test_units_that_differ_are_compared_by_class() -> None:
@@ -242,7 +249,7 @@ def test_borders_that_moved_came_and_went() -> None:
 def test_noise_is_not_a_wall() -> None:
     found = compared(room(noise=1, seed=1), room(noise=1, seed=2))
     assert found.verdict.kind == SAME_ROOM
-    assert found.verdict.words.startswith("same room, these cells differ")
+    assert found.verdict.text.startswith("same room, these cells differ")
     assert found.layers[0].cells.differ > 50
 
 
@@ -258,7 +265,7 @@ def test_a_wall_that_moved_is_found(cells: int) -> None:
     wall_x = GEOMETRY.origin_m[0] + 66 * 0.02
     assert [end[0] for end in change.from_m] == pytest.approx([wall_x] * 2, abs=0.03)
     assert [end[0] for end in change.to_m] == pytest.approx([wall_x + cells * 0.02] * 2, abs=0.03)
-    assert found.verdict.words.startswith("a wall moved by 0.1")
+    assert found.verdict.text.startswith("a wall moved by 0.1")
 
 
 def test_a_wall_that_came_or_went_is_found() -> None:
@@ -288,17 +295,17 @@ def test_opposite_faces_of_a_thing_are_not_one_wall() -> None:
     assert same_side.changes[0].moved_m == pytest.approx(16 * 0.02, abs=0.01)
 
 
-def test_short_pieces_are_told_with_a_may() -> None:
+def test_short_pieces_are_reported_with_a_may() -> None:
     a, b = room(box=False), room(box=False)
     a[26:28, 28:38] = 0.95
     (short,) = compared(a, b).verdict.changes
     assert not short.sure
-    assert compared(a, b).verdict.words.startswith("a wall may have vanished: (")
-    assert f"a short piece of {short.length_m:.2f} m" in compared(a, b).verdict.words
+    assert compared(a, b).verdict.text.startswith("a wall may have vanished: (")
+    assert f"a short piece of {short.length_m:.2f} m" in compared(a, b).verdict.text
     a[26:28, 28:58] = 0.95
     (long,) = compared(a, b).verdict.changes
     assert long.sure
-    assert compared(a, b).verdict.words.startswith("a wall vanished: (")
+    assert compared(a, b).verdict.text.startswith("a wall vanished: (")
 
 
 def sharp_and_blurred(
@@ -313,7 +320,7 @@ def sharp_and_blurred(
 
 @pytest.mark.parametrize("widths", [True, False])
 def test_the_sharpest_layer_decides(widths: bool) -> None:
-    """What a blurred layer says of a place that the sharp one saw is not told."""
+    """What a blurred layer holds of a place that the sharp one saw is not reported."""
     calm, changed = room(right_col=65), room(right_col=65, box=False)
     quiet = report(
         sharp_and_blurred(calm, calm, widths=widths),
@@ -321,14 +328,14 @@ def test_the_sharpest_layer_decides(widths: bool) -> None:
     )
     assert [c.what for layer in quiet.layers for c in layer.verdict.changes] == ["vanished"]
     assert (quiet.verdict.kind, quiet.verdict.changes) == (SAME_ROOM, ())
-    told = report(
+    result = report(
         sharp_and_blurred(calm, calm, widths=widths),
         sharp_and_blurred(changed, calm, widths=widths),
     ).verdict
-    assert [(c.what, c.layer) for c in told.changes] == [("vanished", "dirrs")]
+    assert [(c.what, c.layer) for c in result.changes] == [("vanished", "dirrs")]
 
 
-def test_blurred_layers_tell_where_the_sharp_one_saw_nothing() -> None:
+def test_blurred_layers_decide_where_the_sharp_one_saw_nothing() -> None:
     calm, changed = room(), room(box=False)
     sharp = room(box=False)
     sharp[20:34, 24:48] = 0.5
@@ -350,15 +357,15 @@ def test_sharpness_is_the_width_of_the_beam_and_fused_comes_last() -> None:
     def verdict(depth_m: float, width_rad: float | None = None) -> LayerVerdict:
         return LayerVerdict(0.06, 0.06, 1.0, 1.0, depth_m, (), width_rad)
 
-    told = {"ping": verdict(0.01, 0.6), "fused": verdict(0.001), "dirrs": verdict(0.03, 0.05)}
-    assert sharpest_first(told) == ["dirrs", "ping", "fused"]
-    untold = {name: replace(each, beam_width_rad=None) for name, each in told.items()}
-    assert sharpest_first(untold) == ["ping", "dirrs", "fused"]
-    blind = told | {"dirrs": verdict(math.inf, 0.05)}
+    verdicts = {"ping": verdict(0.01, 0.6), "fused": verdict(0.001), "dirrs": verdict(0.03, 0.05)}
+    assert sharpest_first(verdicts) == ["dirrs", "ping", "fused"]
+    unknown = {name: replace(each, beam_width_rad=None) for name, each in verdicts.items()}
+    assert sharpest_first(unknown) == ["ping", "dirrs", "fused"]
+    blind = verdicts | {"dirrs": verdict(math.inf, 0.05)}
     assert sharpest_first(blind) == ["ping", "fused", "dirrs"]
 
 
-def test_values_are_told_in_three_digits() -> None:
+def test_values_are_reported_in_three_digits() -> None:
     grid = np.full((ROWS, COLS), 0.25, np.float32)
     changed = grid.astype(np.float64)
     changed[2, 3] = 1.03150734e-12
@@ -367,22 +374,22 @@ def test_values_are_told_in_three_digits() -> None:
     assert ": 0.25 in A, 0.25 in B, 1e-06 apart" in "\n".join(summary(compared(grid, changed)))
 
 
-def test_a_map_that_was_pushed_along_is_said() -> None:
+def test_a_map_that_was_pushed_along_is_reported() -> None:
     grid = room()
     pushed = np.full_like(grid, 0.05)
     pushed[8:, 8:] = np.where(grid == 0.5, np.float32(0.05), grid)[:-8, :-8]
     found = compared(grid, pushed).verdict
     assert found.kind == OTHER
-    assert "B moved by -0.16, -0.16 m would cover 100%" in found.words
+    assert "B moved by -0.16, -0.16 m would cover 100%" in found.text
 
 
-def test_plain_values_hold_what_the_lines_say() -> None:
+def test_plain_values_hold_the_same_as_the_lines() -> None:
     grid = room()
     changed = grid.copy()
     changed[20, 30] = np.nan
-    said = as_json(compared(grid, changed))
-    assert said["differs"] is True
-    cells = said["layers"]["ping"]
+    plain = as_json(compared(grid, changed))
+    assert plain["differs"] is True
+    cells = plain["layers"]["ping"]
     assert cells["differ"] == 1
     assert cells["worst"][0]["row"] == 20
     assert cells["worst"][0]["b"] == "nan"

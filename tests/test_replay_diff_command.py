@@ -36,9 +36,9 @@ def test_the_same_is_0_and_different_1(
     assert main(["diff", a, a]) == 0
     assert "verdict: same\n" in capsys.readouterr().out
     assert main(["diff", a, b]) == 1
-    said = capsys.readouterr().out
-    assert "verdict: a wall moved by 0.16 m: from (1.12, " in said
-    assert "  lines: 0 the same, 1 moved, 0 only in B, 0 only in A" in said
+    reported = capsys.readouterr().out
+    assert "verdict: a wall moved by 0.16 m: from (1.12, " in reported
+    assert "  lines: 0 the same, 1 moved, 0 only in B, 0 only in A" in reported
     assert main(["diff", a, b, "--quiet"]) == 1
     assert capsys.readouterr().out == ""
     assert main(["diff", a, b, "--tolerance", "1", "--line-tolerance", "1", "--quiet"]) == 0
@@ -46,14 +46,14 @@ def test_the_same_is_0_and_different_1(
 
 def test_json_has_its_keys(maps: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["diff", *map(str, maps), "--json"]) == 1
-    said = json.loads(capsys.readouterr().out)
-    assert set(said) == {
+    reported = json.loads(capsys.readouterr().out)
+    assert set(reported) == {
         "a", "b", "differs", "verdict", "words", "wall_changes", "notes", "only_in_a", "only_in_b",
         "layers", "first_reading", "first_step",
     }  # fmt: skip
-    assert said["verdict"] == "wall moved"
-    assert said["wall_changes"][0]["moved_m"] == pytest.approx(0.16, abs=0.01)
-    layer = said["layers"]["ping"]
+    assert reported["verdict"] == "wall moved"
+    assert reported["wall_changes"][0]["moved_m"] == pytest.approx(0.16, abs=0.01)
+    layer = reported["layers"]["ping"]
     assert {
         "compared", "differ", "class_changed_share", "occupied_iou", "worst",
         "lines", "borders", "origin_m", "resolution_m", "last_written_a",
@@ -84,10 +84,10 @@ def test_bad_input_is_2_in_one_line(
     Path("a.npz.png").write_bytes(b"precious")
     np.savez("shifted.npz", values=room(), origin_m=np.array([0.011, 0.0]), resolution_m=0.02)
     assert main(["diff", *arguments]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert words in said.err
-    assert len(said.err.splitlines()) == 1
+    reported = capsys.readouterr()
+    assert reported.out == ""
+    assert words in reported.err
+    assert len(reported.err.splitlines()) == 1
     assert Path("a.npz.png").read_bytes() == b"precious"
 
 
@@ -104,9 +104,9 @@ def test_the_picture_shows_where(maps: tuple[Path, Path], tmp_path: Path) -> Non
 def test_red_is_where_b_is_fuller() -> None:
     """The third panel alone has colour where cells differ, and the highest y is at the top."""
     grid = np.full((20, 20), 0.3, np.float32)
-    fuller = grid.copy()
-    fuller[16:, :4] = 0.9
-    image = np.asarray(draw(report(source(made_layer(grid)), source(made_layer(fuller)))), int)
+    occupied = grid.copy()
+    occupied[16:, :4] = 0.9
+    image = np.asarray(draw(report(source(made_layer(grid)), source(made_layer(occupied)))), int)
     panel = image[:, 2 * image.shape[1] // 3 :]
     red = (panel[..., 0] > 180) & (panel[..., 1] < 90) & (panel[..., 2] < 90)
     high = np.flatnonzero(red.sum(axis=1) > 40)

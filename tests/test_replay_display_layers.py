@@ -117,7 +117,7 @@ def test_nothing_is_drawn_when_nothing_is_asked(tmp_path: Path) -> None:
     assert pictures(path) == {}
 
 
-def test_what_does_not_fit_the_budget_is_left_out_and_said(tmp_path: Path) -> None:
+def test_what_does_not_fit_the_budget_is_left_out_and_reported(tmp_path: Path) -> None:
     path = tmp_path / "small.rrd"
     mapped(path, "rerun.budget_mb=0.05")
     found = pictures(path)

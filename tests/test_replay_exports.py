@@ -89,13 +89,13 @@ def test_pgm_has_the_highest_y_on_top_and_unseen_cells_unknown(made: Path) -> No
 
 
 def test_yaml_is_what_map_server_reads(made: Path) -> None:
-    said = yaml.safe_load((made / "ping.yaml").read_text())
-    assert said == {
+    content = yaml.safe_load((made / "ping.yaml").read_text())
+    assert content == {
         "image": "ping.pgm", "mode": "trinary", "resolution": 0.05, "origin": [-0.2, 0.1, 0.0],
         "negate": 0, "occupied_thresh": 0.65, "free_thresh": 0.25,
     }  # fmt: skip
     unknown = 1 - 128 / 255
-    assert said["free_thresh"] < unknown < said["occupied_thresh"]
+    assert content["free_thresh"] < unknown < content["occupied_thresh"]
 
 
 def test_borders_segments_and_points_come_back(made: Path) -> None:
@@ -126,14 +126,18 @@ def test_drawings_hold_the_borders_and_the_lines_of_the_grid_alone(made: Path) -
     assert len(ezdxf.readfile(made / "fused.dxf").modelspace()) == 0
 
 
-def test_summary_tells_counts_configuration_and_versions(made: Path) -> None:
-    said = json.loads((made / "summary.json").read_text())
-    assert (said["readings"], said["used"], said["dropped"]) == (7, {"ping": 5}, {"pose gap": 2})
-    assert said["config"] == {"grid": {"resolution_m": 0.05, "size_m": [1.0, "inf"]}}
-    assert "resolution_m = 0.05" in said["config_toml"]
-    assert said["layers"]["fused"] == {"kind": "count", "rule": "bayes"}
-    assert set(said["versions"]) == {"echogrid", "numpy", "python"}
-    assert said["versions"]["numpy"] == np.__version__
+def test_summary_holds_counts_configuration_and_versions(made: Path) -> None:
+    held = json.loads((made / "summary.json").read_text())
+    assert (held["readings"], held["used"], held["dropped"]) == (
+        7,
+        {"ping": 5},
+        {"pose gap": 2},
+    )
+    assert held["config"] == {"grid": {"resolution_m": 0.05, "size_m": [1.0, "inf"]}}
+    assert "resolution_m = 0.05" in held["config_toml"]
+    assert held["layers"]["fused"] == {"kind": "count", "rule": "bayes"}
+    assert set(held["versions"]) == {"echogrid", "numpy", "python"}
+    assert held["versions"]["numpy"] == np.__version__
 
 
 def test_the_same_run_gives_the_same_bytes(made: Path, tmp_path: Path) -> None:

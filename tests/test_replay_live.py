@@ -17,8 +17,8 @@ from mapping.config import load_config
 from recorder.errors import BadInput
 from recorder.messages import Range
 from recorder.recording import RecordingStatus
-from recorder.recording_options import RecordingOptions
-from recorder.recording_run import opened_source
+from recorder.recording.options import RecordingOptions
+from recorder.recording.run import opened_source
 from recorder.session import read_session
 from replay.live.run import LiveResult, record_and_show
 from replay.rrd.program import LOCAL, free_ports
@@ -114,8 +114,8 @@ def test_the_map_is_in_the_viewer_while_the_robot_drives(
     result = run.end()
     assert result.end.failure == ""
     assert result.end.not_followed == 0
-    assert "readings, used:" in result.end.told
-    assert "█" in result.end.told
+    assert "readings, used:" in result.end.report
+    assert "█" in result.end.report
     assert result.counters.gaps == result.counters.bad_checksum == 0
     assert readings_written(run.output) > 50
 
@@ -131,7 +131,7 @@ def test_a_viewer_that_is_closed_stops_neither_map_nor_recording(
     result = run.end()
     assert result.counters.failure == ""
     assert result.counters.gaps == 0
-    assert "readings, used:" in result.end.told
+    assert "readings, used:" in result.end.report
     assert readings_written(run.output) > 100
 
 
@@ -168,24 +168,24 @@ def test_the_command_records_and_maps(tmp_path: Path, capsys: pytest.CaptureFixt
     nobody = f"rerun+http://{LOCAL}:{free_ports(1)[0]}/proxy"
     arguments = ["live", "sim:room", "--viewer", nobody, "-o", str(folder), "--duration", "4"]
     assert main([*arguments, "--set", "grid.resolution_m=0.05"]) == 0
-    told = capsys.readouterr().out
-    assert "readings, used:" in told
-    assert f"wrote {folder / 'live.rrd'}" in told
+    output = capsys.readouterr().out
+    assert "readings, used:" in output
+    assert f"wrote {folder / 'live.rrd'}" in output
     assert readings_written(folder / "live.mcap") > 50
     assert main(arguments) == 2
     assert "exists" in capsys.readouterr().err
 
 
-def test_without_a_recording_the_live_map_is_told(
+def test_without_a_recording_the_live_map_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "run"
     nobody = f"rerun+http://{LOCAL}:{free_ports(1)[0]}/proxy"
     arguments = ["live", "sim:room", "--viewer", nobody, "-o", str(folder), "--duration", "4"]
     assert main([*arguments, "--no-map", "--set", "grid.resolution_m=0.05"]) == 0
-    told = capsys.readouterr().out
-    assert "readings, used:" in told
-    assert "█" in told
+    output = capsys.readouterr().out
+    assert "readings, used:" in output
+    assert "█" in output
     assert not (folder / "live.rrd").exists()
 
 

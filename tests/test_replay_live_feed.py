@@ -1,4 +1,4 @@
-"""The feed of a follower: it is told everything, and nothing that befalls it stops the giver."""
+"""The feed of a follower: it gets everything, and nothing that befalls it stops the giver."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def hang(messages: Iterator[Message], is_late: Callable[[], bool]) -> str:
         time.sleep(60.0)
 
 
-def say_when_late(messages: Iterator[Message], is_late: Callable[[], bool]) -> str:
+def report_when_late(messages: Iterator[Message], is_late: Callable[[], bool]) -> str:
     while not is_late():  # all of them wait: none is taken yet
         time.sleep(0.01)
     for _ in messages:
@@ -49,21 +49,21 @@ def say_when_late(messages: Iterator[Message], is_late: Callable[[], bool]) -> s
     return "late, then not" if not is_late() else "late to the end"
 
 
-def test_the_follower_gets_every_message_that_says_something() -> None:
+def test_the_follower_gets_every_message_that_a_map_needs() -> None:
     with LiveFeed(add_up) as feed:
         for pose in poses(1000):
             feed.offer(pose)
             feed.offer(RawLine(pose.t_ns, "noise"))
         feed.offer(Diagnostics(0, "recorder"))
         end = feed.finish(PATIENCE_S)
-    assert (end.told, end.failure, end.not_followed) == ("1000 499500", "", 0)
+    assert (end.report, end.failure, end.not_followed) == ("1000 499500", "", 0)
 
 
-def test_a_follower_that_gives_up_says_why() -> None:
+def test_a_follower_that_gives_up_reports_why() -> None:
     with LiveFeed(complain) as feed:
         feed.offer(poses(1)[0])
         end = feed.finish(PATIENCE_S)
-    assert (end.told, end.failure) == ("", "nothing fits")
+    assert (end.report, end.failure) == ("", "nothing fits")
 
 
 def test_a_follower_that_dies_costs_only_what_it_would_have_shown() -> None:
@@ -89,9 +89,9 @@ def test_a_follower_that_hangs_is_left_behind() -> None:
     assert 500 - 51 <= end.not_followed <= 500
 
 
-def test_a_late_follower_is_told_so() -> None:
-    with LiveFeed(say_when_late) as feed:
+def test_a_late_follower_knows_it() -> None:
+    with LiveFeed(report_when_late) as feed:
         for pose in poses(300):
             feed.offer(pose)
         end = feed.finish(PATIENCE_S)
-    assert end.told == "late, then not"
+    assert end.report == "late, then not"

@@ -54,18 +54,18 @@ def test_a_run_without_a_recording_or_a_missing_file_gets_one_line(tmp_path: Pat
     without = map_session(ROOM, config, rrd=None, export=None)
     with pytest.raises(BadInput, match="wrote no recording"):
         echogrid.show(without)
-    with pytest.raises(BadInput, match=r"none\.rrd: No such file") as told:
+    with pytest.raises(BadInput, match=r"none\.rrd: No such file") as error:
         echogrid.show(tmp_path / "none.rrd")
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 def test_without_the_extra_one_line_says_what_to_install(
     run: RunResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun_notebook", None)
-    with pytest.raises(BadInput, match="pip install rerun-notebook==") as told:
+    with pytest.raises(BadInput, match="pip install rerun-notebook==") as error:
         echogrid.show(run)
-    assert "\n" not in str(told.value)
+    assert "\n" not in str(error.value)
 
 
 def test_the_extra_is_of_the_viewers_own_version() -> None:

@@ -1,4 +1,4 @@
-"""Watched cells in words, in the recording and on the command line; foretold ranges beside them."""
+"""Watched cells in words, in the recording and on the command line; predicted ranges too."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mapping.pipeline import build_maps
 from mapping.prediction import RangePredictor
 from mapping.probing import BEHIND, BESIDE, EMPTY, OBSTACLE, CellProbe, Touch
 from recorder.session import read_session
-from replay import probe_words
+from replay import probe_text
 from replay.mapping_run import RunResult, map_session
 from replay.rrd import layout
 from replay.rrd.reader import read_rrd
@@ -62,19 +62,19 @@ def rows(path: Path, entity: str, component: str) -> list[tuple[int, object]]:
 
 def touch(zone: str, **changes: float) -> Touch:
     values = {"range_m": 0.5, "distance_m": 0.51, "before": 0.5, "after": 0.75, **changes}
-    return Touch(reading=7, t_ns=0, layer="ping", sensor="ping", zone=zone, said=0.6, **values)
+    return Touch(reading=7, t_ns=0, layer="ping", sensor="ping", zone=zone, evidence=0.6, **values)
 
 
-def test_a_touch_in_words() -> None:
-    assert probe_words.touch_line(touch(OBSTACLE)) == (
+def test_a_touch_as_text() -> None:
+    assert probe_text.touch_text(touch(OBSTACLE)) == (
         "reading 7, ping measured 0.500 m: the cell, 0.510 m away, lies where the obstacle may be; "
         "50.0 % → 75.0 %"
     )
-    assert "nothing: the cell" in probe_words.touch_line(touch(EMPTY, range_m=math.inf))
-    assert probe_words.touch_line(touch(EMPTY, after=0.5)).endswith("it stays at 50.0 %")
-    behind = probe_words.touch_line(touch(BEHIND, before=math.nan, after=math.nan))
-    assert behind.endswith("behind the obstacle, so the reading says nothing of it")
-    assert "beside the beam" in probe_words.touch_line(touch(BESIDE))
+    assert "nothing: the cell" in probe_text.touch_text(touch(EMPTY, range_m=math.inf))
+    assert probe_text.touch_text(touch(EMPTY, after=0.5)).endswith("it stays at 50.0 %")
+    behind = probe_text.touch_text(touch(BEHIND, before=math.nan, after=math.nan))
+    assert behind.endswith("behind the obstacle, so the reading is no evidence for it")
+    assert "beside the beam" in probe_text.touch_text(touch(BESIDE))
 
 
 @pytest.mark.parametrize(
@@ -85,15 +85,15 @@ def test_a_touch_in_words() -> None:
 def test_a_belief_has_the_colour_that_the_map_shows(belief: float, word: str) -> None:
     probe = CellProbe((0.0, 0.0))
     probe.beliefs["ping"] = belief
-    assert probe_words.shade_word(probe, "ping").startswith("blue-grey")
+    assert probe_text.shade_name(probe, "ping").startswith("blue-grey")
     probe.observed.add("ping")
-    assert probe_words.shade_word(probe, "ping") == word
+    assert probe_text.shade_name(probe, "ping") == word
 
 
 def test_why_is_this_cell_black(run: Run) -> None:
     """The answer counts every reading, and its table is that of the largest effects."""
     probe = run[0].probes[0]
-    lines = probe_words.answer(probe, ("ping", "dirrs", "fused"))
+    lines = probe_text.explanation_lines(probe, ("ping", "dirrs", "fused"))
     assert lines[0].startswith("why is the cell at (2.21, 0.21) m (row ")
     assert lines[0].endswith(" black?")
     of_ping = [t for t in probe.touches if t.layer == "ping"]
@@ -107,12 +107,12 @@ def test_why_is_this_cell_black(run: Run) -> None:
     assert any(line.startswith("fused: ") and "black" in line for line in lines)
 
 
-def test_what_nothing_reached_is_said_so(run: Run) -> None:
+def test_what_nothing_reached_is_reported_so(run: Run) -> None:
     probe = CellProbe((0.0, 0.0))
-    told = "\n".join(probe_words.answer(probe, ("ping", "fused")))
-    assert "blue-grey (never seen)?" in told
-    assert "ping: no reading reached it" in told
-    assert "fused: not made yet" in told
+    output = "\n".join(probe_text.explanation_lines(probe, ("ping", "fused")))
+    assert "blue-grey (never seen)?" in output
+    assert "ping: no reading reached it" in output
+    assert "fused: not made yet" in output
 
 
 def test_the_plot_of_a_cell_is_its_belief_at_every_step(
@@ -140,7 +140,7 @@ def test_every_reading_that_reached_the_cell_is_listed_at_its_own_step(
     result, path = run
     step_of = {a.beam.number: s for s, a in enumerate(artifacts) if isinstance(a, MergedGrid)}
     for number, probe in enumerate(result.probes):
-        expected = [(step_of[t.reading], probe_words.touch_line(t)) for t in probe.touches]
+        expected = [(step_of[t.reading], probe_text.touch_text(t)) for t in probe.touches]
         assert rows(path, layout.probe_log(number), "TextLog:text") == expected
     assert len(result.probes[0].touches) > 50
     last = rows(path, layout.probe_story(0), "TextDocument:text")[-1]
@@ -150,19 +150,19 @@ def test_every_reading_that_reached_the_cell_is_listed_at_its_own_step(
     assert f"the 8 that moved it most, of {count}, so far:" in str(last[1])
 
 
-def test_the_words_of_a_step_tell_what_it_did_to_the_cell(
+def test_the_text_of_a_step_explains_what_it_did_to_the_cell(
     run: Run, artifacts: list[Artifact]
 ) -> None:
     result, path = run
-    told = dict(rows(path, layout.EXPLANATION, "TextDocument:text"))
+    texts = dict(rows(path, layout.EXPLANATION, "TextDocument:text"))
     step_of = {a.beam.number: s for s, a in enumerate(artifacts) if isinstance(a, MergedGrid)}
     first = result.probes[0].touches[0]
-    assert f"**Your cell at (2.21, 0.21) m**: {probe_words.touch_line(first)}." in str(
-        told[step_of[first.reading]]
+    assert f"**Your cell at (2.21, 0.21) m**: {probe_text.touch_text(first)}." in str(
+        texts[step_of[first.reading]]
     )
     untouched = set(step_of) - {t.reading for probe in result.probes for t in probe.touches}
     assert untouched
-    assert not any("Your cell" in str(told[step_of[number]]) for number in untouched)
+    assert not any("Your cell" in str(texts[step_of[number]]) for number in untouched)
 
 
 def test_readings_that_are_not_shown_still_count_for_the_cell(tmp_path: Path, run: Run) -> None:
@@ -174,19 +174,19 @@ def test_readings_that_are_not_shown_still_count_for_the_cell(tmp_path: Path, ru
     assert len(rows(path, layout.probe_log(0), "TextLog:text")) == len(few.probes[0].touches)
 
 
-def test_foretold_ranges_are_those_of_the_map_before_the_reading(
+def test_predicted_ranges_are_those_of_the_map_before_the_reading(
     run: Run, artifacts: list[Artifact]
 ) -> None:
     predictor = RangePredictor(config().borders.threshold)
     expected: dict[str, list[tuple[int, float]]] = {}
-    told = dict(rows(run[1], layout.EXPLANATION, "TextDocument:text"))
+    texts = dict(rows(run[1], layout.EXPLANATION, "TextDocument:text"))
     for step, artifact in enumerate(artifacts):
         predictor(artifact)
         if isinstance(artifact, Beam):
-            (foretold,) = predictor.ranges_m(artifact)
-            expected.setdefault(artifact.sensor, []).append((step, foretold))
-            said = f"**{foretold:.3f} m**" if np.isfinite(foretold) else "**nothing**"
-            assert f"would have foretold {said}" in str(told[step])
+            (predicted,) = predictor.ranges_m(artifact)
+            expected.setdefault(artifact.sensor, []).append((step, predicted))
+            shown = f"**{predicted:.3f} m**" if np.isfinite(predicted) else "**nothing**"
+            assert f"would have predicted {shown}" in str(texts[step])
     for sensor, values in expected.items():
         exact = rows(run[1], layout.predicted_range(sensor), "numbers")
         assert exact == values
@@ -199,16 +199,16 @@ def test_foretold_ranges_are_those_of_the_map_before_the_reading(
     assert np.isfinite(of_ping).mean() > 0.5
 
 
-def test_a_map_that_knows_its_room_foretells_what_is_measured(artifacts: list[Artifact]) -> None:
-    """Of the infrared, whose beams are narrow: in the later half most ranges are as foretold."""
+def test_a_map_that_knows_its_room_predicts_what_is_measured(artifacts: list[Artifact]) -> None:
+    """Of the infrared, whose beams are narrow: in the later half most ranges are as predicted."""
     predictor = RangePredictor(0.55)
     gaps = []
     for artifact in artifacts:
         predictor(artifact)
         if isinstance(artifact, Beam) and artifact.sensor == "dirrs":
-            (foretold,) = predictor.ranges_m(artifact)
-            if np.isfinite(foretold) and artifact.saw_something[0]:
-                gaps.append(abs(foretold - artifact.ranges_m[0]) / artifact.ranges_m[0])
+            (predicted,) = predictor.ranges_m(artifact)
+            if np.isfinite(predicted) and artifact.saw_something[0]:
+                gaps.append(abs(predicted - artifact.ranges_m[0]) / artifact.ranges_m[0])
     assert len(gaps) > 50
     assert np.median(gaps[len(gaps) // 2 :]) < 0.1
 

@@ -16,26 +16,28 @@ from recorder.errors import BadInput
 from recorder.link import Link
 from recorder.messages import Pose, Range, Transform
 from recorder.playback import mounts_of, playback_of
-from recorder.recording_options import RecordingOptions
-from recorder.recording_run import opened_source
-from recorder.session import WALLS, read_session
+from recorder.recording.options import RecordingOptions
+from recorder.recording.run import opened_source
+from recorder.session import read_session
+from recorder.truth import WALLS
 
 
 def test_record_takes_a_session_for_a_device(tmp_path: Path) -> None:
     file, again = tmp_path / "s.mcap", tmp_path / "again.mcap"
     records = session_file(file, 1.5)
     assert main(["record", f"replay:{file}", "-o", str(again), "--quiet"]) == 0
-    heard = read_session(again)
-    assert heard.damage == ()
+    again_run = read_session(again)
+    assert again_run.damage == ()
     for kind in (Range, Pose):
         was = [r.message for r in records if isinstance(r.message, kind)]
-        now = [m for m in heard.messages() if isinstance(m, kind)]
+        now = [m for m in again_run.messages() if isinstance(m, kind)]
         assert len(now) == len(was) > 10
-    assert WALLS in heard.attachments
-    mounts = [(m.child, m.parent_from_child) for m in heard.messages() if isinstance(m, Transform)]
+    assert WALLS in again_run.attachments
+    transforms = [m for m in again_run.messages() if isinstance(m, Transform)]
+    mounts = [(m.child, m.parent_from_child) for m in transforms]
     assert mounts == [(m.child, m.parent_from_child) for m in mounts_of(records)]
-    assert heard.metadata["source"] == f"replay:{file}"
-    assert heard.metadata["wheels"] == {"ticks_per_m": 2.0, "track_m": 0.1}
+    assert again_run.metadata["source"] == f"replay:{file}"
+    assert again_run.metadata["wheels"] == {"ticks_per_m": 2.0, "track_m": 0.1}
     opening = opened_source(f"replay:{file}", RecordingOptions(tracker="tcp://127.0.0.1:1"))
     with pytest.raises(BadInput, match="its own tracker"):
         opening.__enter__()
@@ -55,15 +57,15 @@ def test_the_command_plays_to_a_socket(
     player.start()
     player.join(60)
     playback = playback_of(records)
-    lines = [said.what for said in playback.said if isinstance(said.what, bytes)]
+    lines = [s.payload for s in playback.transmissions if isinstance(s.payload, bytes)]
     collector.wait_for_data(lines[-1])
     collector.finish()
     assert codes == [0]
     assert collector.data == b"".join(lines)
-    told = capfd.readouterr()
-    assert told.out.splitlines()[0] == to
-    assert f"sent {len(lines)} lines, {len(collector.data)} bytes, 0 poses" in told.out
-    assert "of /odom" in told.err
+    output = capfd.readouterr()
+    assert output.out.splitlines()[0] == to
+    assert f"sent {len(lines)} lines, {len(collector.data)} bytes, 0 poses" in output.out
+    assert "of /odom" in output.err
 
 
 @pytest.fixture

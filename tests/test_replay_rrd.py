@@ -31,13 +31,14 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.reader import RrdRecording, read_rrd
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.writer import RrdWriter
 
 CONFIG = "[grid]\nresolution_m = 0.02  # cells\n"
 
 
 def write(path: Path, artifacts: list[Artifact], **options: object) -> RrdWriter:
-    with RrdWriter(path, config_text=CONFIG, name="made", **options) as writer:
+    with RrdWriter(path, RunDrawer(CONFIG), name="made", **options) as writer:
         for artifact in artifacts:
             writer(artifact)
     return writer
@@ -235,7 +236,7 @@ def test_only_every_third_reading_is_shown_but_all_count(
 
 
 def hard_to_foretell(run: MadeRun) -> list[Artifact]:
-    """The same run with a rule that nothing can foretell: values of random bits."""
+    """The same run with a rule that nothing can predict: values of random bits."""
     random = np.random.default_rng(7)
     artifacts: list[Artifact] = []
     for artifact in run.artifacts():
@@ -247,7 +248,7 @@ def hard_to_foretell(run: MadeRun) -> list[Artifact]:
 
 
 @pytest.mark.parametrize("hard", [False, True])
-def test_a_budget_is_kept_and_said(tmp_path: Path, hard: bool) -> None:
+def test_a_budget_is_kept_and_reported(tmp_path: Path, hard: bool) -> None:
     run = MadeRun(readings=700)
     artifacts = hard_to_foretell(run) if hard else list(run.artifacts())
     whole = write(tmp_path / "whole.rrd", artifacts, budget_mb=1000.0)
@@ -268,7 +269,7 @@ def test_a_budget_is_kept_and_said(tmp_path: Path, hard: bool) -> None:
             assert same_bits(grid, expected[step])
 
 
-def test_a_budget_too_small_for_the_maps_alone_is_said(tmp_path: Path) -> None:
+def test_a_budget_too_small_for_the_maps_alone_is_reported(tmp_path: Path) -> None:
     writer = write(tmp_path / "tiny.rrd", list(MadeRun(readings=60).artifacts()), budget_mb=0.1)
     size_mb = (tmp_path / "tiny.rrd").stat().st_size / 1e6
     assert writer.left_out.endswith(f"Even so it takes {size_mb:.1f} MB.")
@@ -287,7 +288,7 @@ def test_what_was_left_out_is_not_made_up(tmp_path: Path) -> None:
 
 def test_the_file_has_its_name_only_when_whole(tmp_path: Path, artifacts: list[Artifact]) -> None:
     path = tmp_path / "run.rrd"
-    with RrdWriter(path, config_text="", name="run") as writer:
+    with RrdWriter(path, RunDrawer(), name="run") as writer:
         for artifact in artifacts:
             writer(artifact)
             assert not path.exists()
@@ -306,7 +307,7 @@ def test_the_first_artifact_opens_the_run(tmp_path: Path, artifacts: list[Artifa
         write(tmp_path / "x.rrd", artifacts[1:])
 
 
-def test_a_full_disk_is_said_before_anything_hangs(
+def test_a_full_disk_is_reported_before_anything_hangs(
     tmp_path: Path, artifacts: list[Artifact], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = shutil.disk_usage(tmp_path)._replace(free=1000)
@@ -351,7 +352,7 @@ def test_many_borders_are_all_drawn_and_go_when_the_stage_starts_anew(tmp_path: 
 
 def interrupted(tmp_path: Path, artifacts: list[Artifact]) -> Path:
     """What a process killed in the middle leaves: flushed, but never ended."""
-    writer = RrdWriter(tmp_path / "killed.rrd", config_text=CONFIG, name="x", flush_readings=1)
+    writer = RrdWriter(tmp_path / "killed.rrd", RunDrawer(CONFIG), name="x", flush_readings=1)
     for artifact in artifacts[: len(artifacts) // 2]:
         writer(artifact)
     copy = tmp_path / "copy.rrd"

@@ -18,14 +18,16 @@ from mapping.artifacts import MergedGrid, Started
 from recorder.errors import BadInput
 from replay.rrd import writer as writing
 from replay.rrd.reader import RrdRecording, read_rrd
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.writer import RrdWriter
 
 READINGS = 300
 _WRITE = """
 import sys
 from made_run import MadeRun
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.writer import RrdWriter
-with RrdWriter(sys.argv[1], config_text="", name="killed", flush_readings=20) as writer:
+with RrdWriter(sys.argv[1], RunDrawer(), name="killed", flush_readings=20) as writer:
     for artifact in MadeRun(readings=int(sys.argv[2])).artifacts():
         writer(artifact)
         print(type(artifact).__name__, flush=True)
@@ -88,7 +90,7 @@ def test_any_beginning_of_a_file_is_read_or_refused_in_one_line(
     tmp_path: Path, expected: dict[int, np.ndarray]
 ) -> None:
     whole = tmp_path / "whole.rrd"
-    with RrdWriter(whole, config_text="", name="cut", flush_readings=60) as writer:
+    with RrdWriter(whole, RunDrawer(), name="cut", flush_readings=60) as writer:
         for artifact in MadeRun(readings=READINGS).artifacts():
             writer(artifact)
     data, choose = whole.read_bytes(), random.Random(5)
@@ -114,13 +116,13 @@ def test_what_waits_in_memory_is_bounded(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr(writing, "_BUFFER_BYTES", bound)
     most, sizes = 0, set()
     with RrdWriter(
-        tmp_path / "x.rrd", config_text="", name="x", budget_mb=1000.0, flush_readings=10**6
+        tmp_path / "x.rrd", RunDrawer(), name="x", budget_mb=1000.0, flush_readings=10**6
     ) as writer:
         for artifact in MadeRun(readings=READINGS).artifacts():
             writer(artifact)
             if isinstance(artifact, Started):
                 continue
-            waiting = writer._canvas.rows.bytes
+            waiting = writer.waiting_bytes
             most = max(most, waiting)
             if waiting == 0:
                 sizes.add(writer.part.stat().st_size)

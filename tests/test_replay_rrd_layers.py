@@ -5,10 +5,12 @@ from __future__ import annotations
 import io
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
 import pytest
+import rerun as rr
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_run import MadeRun
@@ -18,10 +20,12 @@ from PIL import Image
 from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.batches import quiet_reader
-from replay.rrd.display_layers import DisplayCompanion
+from replay.rrd.canvas import TRAIL_BASE, Canvas
+from replay.rrd.display_layers import DisplayOverlay
 from replay.rrd.pictures import strength_classes, strength_names, strength_png
+from replay.rrd.run_drawer import RunDrawer
+from replay.rrd.sink import Pack, Sink, Stamp
 from replay.rrd.tiles import LayerTiles
-from replay.rrd.trail import BASE, Trail
 from replay.rrd.writer import RrdWriter
 
 OPAQUE_ROOTS = (layout.merged("ping"), layout.merged("fused"), layout.CLASSES, layout.DISPLAY)
@@ -32,8 +36,8 @@ def rows(tmp_path_factory: pytest.TempPathFactory) -> list[tuple[str, dict[str, 
     """All chunks of a recording with several tiles a layer, as entity and columns."""
     path = tmp_path_factory.mktemp("layers") / "made.rrd"
     run = MadeRun(GridGeometry((-31.7, 42.3), 0.02, 170, 290), readings=40)
-    display = DisplayCompanion(("grey", "two-colours"), levels=4, budget_mb=100.0)
-    with RrdWriter(path, config_text="", name="made", companions=[display]) as writer:
+    display = DisplayOverlay(("grey", "two-colours"), levels=4, budget_mb=100.0)
+    with RrdWriter(path, RunDrawer(overlays=[display]), name="made") as writer:
         for artifact in run.artifacts():
             writer(artifact)
     found = []
@@ -120,23 +124,25 @@ def test_every_number_of_an_opaque_grid_has_an_opaque_colour(
 @settings(deadline=None)
 @given(st.lists(st.integers(0, 5), max_size=200))
 def test_a_trail_shows_all_dots_at_any_time_and_writes_each_a_few_times(sizes: list[int]) -> None:
-    shown: dict[int, NDArray[np.float64]] = {}
+    shown: dict[str, NDArray[np.float64]] = {}
     written = 0
 
-    def draw(digit: int, dots: NDArray[np.float64]) -> None:
-        nonlocal written
-        shown[digit] = dots
-        written += len(dots)
+    class Kept(Canvas):
+        def add(self, entity: str, pack: Pack, value: Any, size: int = 64) -> None:
+            nonlocal written
+            shown[entity] = value
+            written += len(value)
 
-    trail, left = Trail(draw), 0
+    geometry = GridGeometry((0.0, 0.0), 1.0, 1, 1)
+    canvas, left = Kept(Sink(rr.RecordingStream("test")), geometry, Stamp(0, 0, 0)), 0
     for size in sizes:
         dots = np.arange(left, left + size, dtype=float)[:, None].repeat(2, axis=1)
         left += size
-        trail.add(dots)
+        canvas.leave("/trail", dots, lambda sink, entity: None)
         assert sorted(np.concatenate([*shown.values()])[:, 0]) == list(range(left))
-    digits = math.ceil(math.log(max(len(sizes), 2), BASE)) + 1
+    digits = math.ceil(math.log(max(len(sizes), 2), TRAIL_BASE)) + 1
     assert len(shown) <= digits
-    assert written <= left * BASE * digits
+    assert written <= left * TRAIL_BASE * digits
 
 
 @settings(deadline=None, max_examples=40)
@@ -163,7 +169,7 @@ def test_a_patch_has_the_colours_of_its_classes(
     assert not picture[:, cols:, 3].any()
 
 
-def test_what_whole_tiles_will_take_is_told_from_some_of_them() -> None:
+def test_what_whole_tiles_will_take_is_estimated_from_some_of_them() -> None:
     geometry = GridGeometry((0.0, 0.0), 0.01, 640, 640)
     state = LayerTiles(layout.tiling_for(geometry))
     state.begin("probability", "bayes")

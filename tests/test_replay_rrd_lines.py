@@ -16,10 +16,10 @@ from mapping.config import MappingConfig, load_config
 from mapping.pipeline import build_maps
 from recorder.session import read_session
 from replay.rrd import layout
+from replay.rrd.explanation import describe, layer_of
 from replay.rrd.reader import RrdRecording, read_rrd
-from replay.rrd.run_writer import RunWriter
-from replay.rrd.stages import arrow
-from replay.rrd.words import describe, layer_of
+from replay.rrd.results import arrow
+from replay.rrd.writer import run_writer
 
 STEPS = 7
 
@@ -39,7 +39,7 @@ def artifacts() -> list[Artifact]:
 @pytest.fixture(scope="module")
 def recording(artifacts: list[Artifact], tmp_path_factory: pytest.TempPathFactory) -> RrdRecording:
     path = Path(tmp_path_factory.mktemp("rrd"), "run.rrd")
-    with RunWriter(path, config_of(), config_text="", name="run") as writer:
+    with run_writer(path, config_of(), name="run") as writer:
         for artifact in artifacts:
             writer(artifact)
     return read_rrd(path)
@@ -135,11 +135,11 @@ def test_each_threshold_has_its_cells_and_its_borders(
         assert [len(strip) - 1 for strip in strips] == [len(border.cells) for border in traced]
 
 
-def test_the_words_of_a_snapshot_tell_the_thresholds_apart(recording: RrdRecording) -> None:
+def test_the_text_of_a_snapshot_has_a_row_for_each_threshold(recording: RrdRecording) -> None:
     texts = [row[0] for row in rows_of(recording, layout.EXPLANATION, "TextDocument:text")]
-    told = [text for text in texts if "Above each threshold" in text]
-    assert len(told) == 3
-    assert all("| 0.51 |" in text and "| 0.6 |" in text for text in told)
+    tables = [text for text in texts if "Above each threshold" in text]
+    assert len(tables) == 3
+    assert all("| 0.51 |" in text and "| 0.6 |" in text for text in tables)
 
 
 def test_stages_come_one_by_one_or_not_at_all_as_asked() -> None:
@@ -157,7 +157,7 @@ def test_stages_come_one_by_one_or_not_at_all_as_asked() -> None:
 
 def test_no_thresholds_no_pictures(artifacts: list[Artifact], tmp_path: Path) -> None:
     config = config_of("borders.compare=[]")
-    with RunWriter(tmp_path / "run.rrd", config, config_text="", name="run") as writer:
+    with run_writer(tmp_path / "run.rrd", config, name="run") as writer:
         for artifact in artifacts:
             writer(artifact)
     found = read_rrd(tmp_path / "run.rrd")

@@ -138,12 +138,12 @@ def test_white_is_free_black_is_occupied_and_unknown_is_neither() -> None:
 
 @settings(deadline=None)
 @given(p=st.floats(-0.5, 0.5, allow_nan=False))
-def test_strength_names_tell_the_range_that_a_difference_lies_in(p: float) -> None:
+def test_strength_names_state_the_range_that_a_difference_lies_in(p: float) -> None:
     number = int(strength_classes(np.array([p]), np.array([True]))[0])
     names = {each: name for each, name, _ in strength_names()}
     assert 1 <= number <= 2 * len(STRENGTHS)
-    word, _, low, _, high, _ = names[number].split()
-    assert word == ("fuller" if p > 0 else "emptier")
+    *word, _, low, _, high, _ = names[number].split()
+    assert " ".join(word) == ("more occupied" if p > 0 else "more free")
     assert float(low) - 1e-9 <= 100 * abs(p) <= float(high) + 1e-9
     assert strength_classes(np.array([p]), np.array([False]))[0] == 0
 
@@ -184,10 +184,10 @@ def simulate(
     for number in range(readings):
         if number and number % 50 == 0:
             thinning.review(size, number / readings)
-        if thinning.next_is_shown():
+        detail = thinning.next()
+        if detail.shown:
             shown += 1
-            size += picture_bytes + exact_bytes * thinning.exact
-            size += patch_bytes * thinning.changes
+            size += picture_bytes + exact_bytes * detail.exact + patch_bytes * detail.changes
     return size, shown
 
 
@@ -223,13 +223,13 @@ def test_a_budget_is_never_passed(readings: int, picture: int, exact: int, patch
 
 def test_what_the_user_asked_to_leave_out_is_left_out() -> None:
     thinning = Thinning(1e9, every=4)
-    shown = [number for number in range(40) if thinning.next_is_shown()]
+    shown = [number for number in range(40) if thinning.next().shown]
     assert shown == list(range(0, 40, 4))
 
 
-def test_of_a_session_without_a_length_nothing_is_foretold() -> None:
+def test_of_a_session_without_a_length_nothing_is_predicted() -> None:
     thinning = Thinning(1000.0)
-    thinning.next_is_shown()
+    thinning.next()
     assert thinning.review(10**9, 0.0) == ""
 
 
@@ -243,7 +243,7 @@ def test_a_picture_of_shares_is_right_at_every_step(rule: str) -> None:
     elsewhere = 0
     for number in range(run.readings):
         temp = temp_grid(run.beam(number), run.geometry)
-        state.see(temp.window, temp.band | temp.front)
+        state.see(temp.window, temp.band | temp.free)
         merged = merging.merge(temp)
         state.update(merged.window, merged.values, merged.probability)
         before = drawn.copy()

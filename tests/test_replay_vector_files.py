@@ -45,11 +45,11 @@ def test_segments_as_geojson_keep_ends_and_properties(segments: list[Segment]) -
         np.testing.assert_allclose(
             feature.geometry.coordinates, [segment.start_m, segment.end_m], atol=1e-9
         )
-        said = feature.properties
-        assert (said["layer"], said["border"]) == ("fused", segment.border)
-        assert (said["rho"], said["alpha"]) == (segment.rho_m, segment.alpha_rad)
-        assert said["covariance"] == segment.covariance.tolist()
-        assert (said["rms"], said["n"]) == (segment.rms_m, segment.points)
+        properties = feature.properties
+        assert (properties["layer"], properties["border"]) == ("fused", segment.border)
+        assert (properties["rho"], properties["alpha"]) == (segment.rho_m, segment.alpha_rad)
+        assert properties["covariance"] == segment.covariance.tolist()
+        assert (properties["rms"], properties["n"]) == (segment.rms_m, segment.points)
 
 
 def test_dxf_has_lines_in_metres_on_named_layers(

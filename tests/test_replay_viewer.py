@@ -1,4 +1,4 @@
-"""The recording in the real viewer: what one sees is what the map says, and nothing leaks out."""
+"""The recording in the real viewer: what one sees is what the map holds, and nothing leaks out."""
 
 from __future__ import annotations
 
@@ -27,12 +27,13 @@ from replay import viewer
 from replay.rrd import layout
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.program import free_ports, is_listening, viewer_environment
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.web import WebViewer
 from replay.rrd.writer import RrdWriter
 
 REPOSITORY = Path(__file__).parents[1]
 # Narrow beams all round: the walls come out dark. Their lines are not drawn, so as not to help.
-RUN = MadeRun(sensors=(("dirrs", 6.0),), readings=180, turn_rad=0.25, tell_walls=False)
+RUN = MadeRun(sensors=(("dirrs", 6.0),), readings=180, turn_rad=0.25, knows_walls=False)
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +44,7 @@ def artifacts() -> list[Artifact]:
 @pytest.fixture(scope="module")
 def path(artifacts: list[Artifact], tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("viewer") / "made.rrd"
-    with RrdWriter(path, config_text="", name="made") as writer:
+    with RrdWriter(path, RunDrawer(), name="made") as writer:
         for artifact in artifacts:
             writer(artifact)
     return path
@@ -293,7 +294,7 @@ def test_the_page_is_served_here_and_may_not_talk_elsewhere(path: Path) -> None:
 
 def test_ctrl_c_ends_all_servers(path: Path) -> None:
     program = (
-        # A shell's background jobs, and what they start, hear no Ctrl-C unless they ask for it.
+        # A shell's background jobs, and what they start, get no Ctrl-C unless they ask for it.
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
         "from replay.viewer import open_viewer; "
         "open_viewer(sys.argv[1], web=True, browser=False,"

@@ -24,6 +24,7 @@ from replay.rrd import layout
 from replay.rrd.blueprints import CHANGES
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.pictures import strength_classes, strength_names
+from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.writer import RrdWriter
 
 SENSOR = "ping"
@@ -50,7 +51,7 @@ def shown(
     artifacts: list[Artifact], tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[HeadlessViewer]:
     path = tmp_path_factory.mktemp("recording") / "room.rrd"
-    with RrdWriter(path, config_text="", name="room") as writer:
+    with RrdWriter(path, RunDrawer(), name="room") as writer:
         for artifact in artifacts:
             writer(artifact)
     assert writer.left_out == ""
@@ -83,8 +84,8 @@ class Patch:
 def patch_of(step: int, artifact: Artifact) -> Patch | None:
     """The reading's patch, if it is one of the sensor's."""
     if isinstance(artifact, TempGrid) and artifact.beam.layer == SENSOR:
-        said = artifact.band | artifact.front
-        return Patch(step, artifact.window, strength_classes(artifact.probability - 0.5, said))
+        touched = artifact.band | artifact.free
+        return Patch(step, artifact.window, strength_classes(artifact.probability - 0.5, touched))
     if isinstance(artifact, MergedGrid) and artifact.layer == SENSOR:
         difference = artifact.probability - artifact.previous
         return Patch(step, artifact.window, strength_classes(difference, difference != 0))
@@ -105,19 +106,19 @@ def all_over_the_map(artifacts: list[Artifact], kind: type[Artifact]) -> list[Pa
     return [chosen[step] for step in sorted(chosen)]
 
 
-def tinted(picture: NDArray[np.int_], scale: Scale, patch: Patch, fuller: bool) -> float | None:
-    """The share of the cells that say so which are red or blue; None for few cells.
+def tinted(picture: NDArray[np.int_], scale: Scale, patch: Patch, occupied: bool) -> float | None:
+    """The share of those cells which are red or blue; None for few cells.
 
     Weak ones hardly differ from what lies below, so only clear ones count.
     """
-    words = "fuller" if fuller else "emptier"
+    words = "more occupied" if occupied else "more free"
     clear = [code for code, name, _ in strength_names() if name.startswith(words)][3:]
     corner = np.array([patch.window.row0, patch.window.col0])
     cells = np.argwhere(np.isin(patch.classes, clear)) + corner
     if len(cells) < FEWEST_CELLS // 10:
         return None
     rows, cols = scale.pixels(scale.geometry.centres_of(cells)).T
-    strong, weak = (0, 2) if fuller else (2, 0)
+    strong, weak = (0, 2) if occupied else (2, 0)
     pixels = picture[rows, cols]
     return float((pixels[:, strong] > pixels[:, weak] + TINT).mean())
 
@@ -145,9 +146,9 @@ def test_every_patch_lies_over_the_cells(
     for patch in patches:
         shown.go_to(patch.step)
         picture = np.asarray(shown.screenshot(view)).astype(int)
-        for fuller in (True, False):
-            share = tinted(picture, scale, patch, fuller)
+        for occupied in (True, False):
+            share = tinted(picture, scale, patch, occupied)
             if share is not None:
-                assert share > 0.8, (patch.step, "fuller" if fuller else "emptier")
+                assert share > 0.8, (patch.step, "more occupied" if occupied else "more free")
                 looked_at += 1
     assert looked_at >= len(patches)

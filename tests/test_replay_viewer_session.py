@@ -1,7 +1,7 @@
 """A session of ``logs/``, mapped by the real pipeline, in the real viewers: window and browser.
 
 The room is known (its true walls travel with the session), so that what one sees can be measured:
-dark cells lie on walls, the beam starts at the robot, changes are red and blue where the map says.
+dark cells lie on walls, the beam starts at the robot, changes red and blue where the map has them.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from mapping.grid import GridGeometry
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.session import read_session
-from replay.mapping_run import true_walls
+from recorder.truth import true_walls
 from replay.rrd import layout
 from replay.rrd.blueprints import CHANGES, DISPLAYS
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.pictures import beam_outline
-from replay.rrd.run_writer import RunWriter
 from replay.rrd.web import WebViewer
+from replay.rrd.writer import run_writer
 
 WATCHED = (2.21, 0.21)  # on the right wall of the room
 SENSOR = "dirrs"  # narrow beams: its walls come out sharp
@@ -48,7 +48,7 @@ def config() -> MappingConfig:
 @pytest.fixture(scope="module")
 def artifacts(config: MappingConfig) -> list[Artifact]:
     session = read_session(ROOT / "logs" / "room.mcap")
-    return list(build_maps(session.messages(), config, walls_m=true_walls(session)))
+    return list(build_maps(session.messages(), config, walls_m=true_walls(session.attachments)))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +57,7 @@ def path(
 ) -> Path:
     path = tmp_path_factory.mktemp("session") / "room.rrd"
     probe = CellProbe(WATCHED)
-    with RunWriter(path, config, config_text="", name="room", probes=[probe]) as writer:
+    with run_writer(path, config, name="room", probes=[probe]) as writer:
         for artifact in artifacts:
             probe(artifact)
             writer(artifact)
@@ -257,7 +257,7 @@ def test_other_ways_to_draw_are_hidden_until_they_are_switched_on(
 
 
 def _both_ways(artifact: Artifact) -> int:
-    """How many cells a reading made clearly fuller and emptier, whichever are fewer."""
+    """How many cells a reading made clearly more occupied and more free, whichever are fewer."""
     assert isinstance(artifact, MergedGrid)
     difference = artifact.probability - artifact.previous
     return min(int((difference > 0.05).sum()), int((difference < -0.05).sum()))
@@ -290,7 +290,7 @@ def maps_alone(
         started.geometry, (SENSOR,), nothing_known, started.first_t_ns, started.last_t_ns
     )
     wanted = {s for kind in (Beam, TempGrid, MergedGrid) for s in steps_of(artifacts, kind)}
-    with RunWriter(path, config, config_text="", name="maps") as writer:
+    with run_writer(path, config, name="maps") as writer:
         writer(only)
         for step in sorted(wanted):
             writer(artifacts[step])

@@ -239,18 +239,18 @@ class Patiently:
     def __init__(self, browser: Browser) -> None:
         self.browser = browser
 
-    def until(self, what: Callable[[Image.Image], bool], told: str) -> Image.Image:
+    def until(self, what: Callable[[Image.Image], bool], name: str) -> Image.Image:
         end = time.monotonic() + PATIENCE_S
         while True:
             picture = self.browser.screenshot()
             if what(picture):
                 return picture
-            assert time.monotonic() < end, f"the browser never showed {told}"
+            assert time.monotonic() < end, f"the browser never showed {name}"
             time.sleep(0.5)
 
     def press_until(
         self, key: str, before: Callable[[Image.Image], bool],
-        after: Callable[[Image.Image], bool], told: str,
+        after: Callable[[Image.Image], bool], name: str,
     ) -> Image.Image:  # fmt: skip
         """A key; once more when the page long stays as it was, as one that got no key does."""
         looks, again = 0, 0.0
@@ -267,4 +267,4 @@ class Patiently:
 
         self.browser.press(key)
         again = time.monotonic() + PRESS_AGAIN_S
-        return self.until(pressed, told)
+        return self.until(pressed, name)

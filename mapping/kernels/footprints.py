@@ -1,6 +1,6 @@
 """Which cells a beam covers: each cell of a window is looked at once.
 
-Both kernels fill two masks (``front``: passed through, ``band``: the obstacle may be here) and a
+Both kernels fill two masks (``free``: passed through, ``band``: the obstacle may be here) and a
 list of the cells found, in row order: their flat index, their distance from the sensor, and where
 they stand along and across the axis of their beam. A centre on the very edge counts as inside,
 whatever the rounding: distances may be 1e-10 m over, angles 1e-10 rad.
@@ -28,7 +28,7 @@ _NEAR_EDGE = 1e-7
 def _in_beam(
     along: float, across: float, rho: float, sin_half: float, cos_half: float, half_rad: float
 ) -> bool:
-    """Is a place within the beam's half width? Angles only where a product cannot tell."""
+    """Is a place within the beam's half width? Angles only where a product is not sure."""
     # rho * sin(half - |angle|): positive inside, as both angles lie in 0 .. pi.
     inside = along * sin_half - abs(across) * cos_half
     if abs(inside) > _NEAR_EDGE * rho:
@@ -39,7 +39,7 @@ def _in_beam(
 @njit(cache=True, error_model="numpy")
 def wedge(
     column_x: Floats, row_y: Floats, cos_heading: float, sin_heading: float, half_width_rad: float,
-    front_end_m: float, band_end_m: float, front: Flags, band: Flags, index: Integers,
+    front_end_m: float, band_end_m: float, free: Flags, band: Flags, index: Integers,
     rho_m: Floats, along_m: Floats, across_m: Floats,
 ) -> tuple[int, int]:  # fmt: skip
     """One axis. ``column_x`` and ``row_y`` are the cells' centres relative to the sensor, metres.
@@ -74,7 +74,7 @@ def wedge(
                 band[row, col] = True
                 in_band += 1
             else:
-                front[row, col] = True
+                free[row, col] = True
             index[found] = row * cols + col
             rho_m[found] = rho
             along_m[found] = along
@@ -106,7 +106,7 @@ def turns_of(x: Floats, y: Floats) -> Floats:
 def fan(
     column_x: Floats, row_y: Floats, border_turns: Floats, axis_after: Integers,
     cos_axis: Floats, sin_axis: Floats, half_width_rad: float,
-    front_end_m: Floats, band_end_m: Floats, front: Flags, band: Flags, index: Integers,
+    front_end_m: Floats, band_end_m: Floats, free: Flags, band: Flags, index: Integers,
     rho_m: Floats, along_m: Floats, across_m: Floats, owner: Integers, in_band: Integers,
 ) -> int:  # fmt: skip
     """Many axes: each cell takes the axis nearest to it.
@@ -115,7 +115,7 @@ def fan(
     of ``turn_of``; ``axis_after[k]`` is the axis between border k and the next. The other arrays of
     axes are in the scan's own order. ``owner`` gets the axis of each cell found, ``in_band`` (zeros
     before) how many cells of its band an axis owns. An axis with negative ends owns its cells and
-    says nothing. Returns how many cells were found.
+    is no evidence. Returns how many cells were found.
     """
     sin_half, cos_half = math.sin(half_width_rad), math.cos(half_width_rad)
     farthest = 0.0
@@ -151,7 +151,7 @@ def fan(
             if not _in_beam(along, across, rho, sin_half, cos_half, half_width_rad):
                 continue
             if in_front:
-                front[row, col] = True
+                free[row, col] = True
             else:
                 band[row, col] = True
                 in_band[axis] += 1

@@ -20,6 +20,6 @@ def add_log_odds(
             p = probability[row, col]
             if p == 0.5:
                 continue
-            said = math.log(p / (1.0 - p)) if 0.0 < p < 1.0 else math.copysign(clamp, p - 0.5)
-            total = log_odds[row, col] + min(max(said, -clamp), clamp)
+            evidence = math.log(p / (1.0 - p)) if 0.0 < p < 1.0 else math.copysign(clamp, p - 0.5)
+            total = log_odds[row, col] + min(max(evidence, -clamp), clamp)
             log_odds[row, col] = min(max(total, -clamp), clamp)

@@ -1,4 +1,4 @@
-"""What a recording draws and says of each reading: one pass over its window instead of many."""
+"""What a recording draws and states of each reading: one pass over its window instead of many."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ def take(
 
 
 @njit(cache=True, error_model="numpy")
-def strength_classes(difference: NDArray[Any], said: Flags, edges: NDArray[Any]) -> Bytes:
-    """How many edges a difference (N,) reaches, more by as many where it is positive; 0: unsaid.
+def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any]) -> Bytes:
+    """How many edges a difference (N,) reaches, as many more where it is positive; else 0.
 
     The edges are of the same type as the differences.
     """
     classes = np.zeros(difference.size, np.uint8)
     for k in range(difference.size):
-        if not said[k]:
+        if not marked[k]:
             continue
         level, strength = 0, abs(difference[k])
         for edge in edges:
@@ -57,10 +57,10 @@ def strength_classes(difference: NDArray[Any], said: Flags, edges: NDArray[Any])
 
 
 @njit(cache=True, error_model="numpy")
-def said_of(
-    probability: Floats, front: Flags, band: Flags
+def evidence_of(
+    probability: Floats, free: Flags, band: Flags
 ) -> tuple[int, float, int, float]:  # fmt: skip
-    """Cells in the band and the most that is said of them; those in front, and the least."""
+    """Cells in the band and the highest probability there; those in front, and the lowest."""
     in_band = in_front = 0
     most, least = 0.0, 1.0
     rows, cols = probability.shape
@@ -69,7 +69,7 @@ def said_of(
             if band[row, col]:
                 in_band += 1
                 most = max(most, probability[row, col])
-            if front[row, col]:
+            if free[row, col]:
                 in_front += 1
                 least = min(least, probability[row, col])
     return in_band, most, in_front, least
@@ -77,11 +77,11 @@ def said_of(
 
 @njit(cache=True, error_model="numpy")
 def changes_of(before: Singles, after: Singles) -> tuple[int, int, int, int, int, int]:
-    """How many cells (N,) changed, became fuller, emptier; which one most, the first of several.
+    """How many cells (N,) changed, became more occupied, more free; which changed most, the first.
 
     Then how many are above a half now, and below.
     """
-    changed = fuller = emptier = above = below = 0
+    changed = occupied = free = above = below = 0
     most, largest = 0, np.float32(-1.0)
     for k in range(after.size):
         now = after[k]
@@ -91,8 +91,8 @@ def changes_of(before: Singles, after: Singles) -> tuple[int, int, int, int, int
             continue
         changed += 1
         difference = now - before[k]
-        fuller += difference > 0
-        emptier += difference < 0
+        occupied += difference > 0
+        free += difference < 0
         if abs(difference) > largest:
             most, largest = k, abs(difference)
-    return changed, fuller, emptier, most, above, below
+    return changed, occupied, free, most, above, below

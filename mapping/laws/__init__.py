@@ -1,6 +1,6 @@
 """What every sensor model and every update rule must keep, tried on random readings.
 
-Each law is a plain function that returns, in words, what failed, or None. ``MODEL_LAWS`` and
+Each law is a plain function that returns a sentence on what failed, or None. ``MODEL_LAWS`` and
 ``RULE_LAWS`` name them; ``check_model`` and ``check_rule`` try all of them on one subject. The
 cases are seeded, so the same file fails in the same way again.
 """
@@ -35,7 +35,7 @@ Subject = TypeVar("Subject")
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A law tried on a model or a rule: ``broken`` says in words what failed, or is None."""
+    """A law tried on a model or a rule: ``broken`` is a sentence on what failed, or None."""
 
     subject: str
     law: str

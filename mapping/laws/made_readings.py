@@ -8,9 +8,9 @@ import numpy as np
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, Sensor, settle_sensor
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.grid import GridGeometry
-from mapping.sensor_model import SENSOR_MODELS
+from mapping.sensor_model import SENSOR_MODELS, SensorModel
 from mapping.sensor_model.cells import rasterise_cells
 from recorder.geometry import SE2
 from recorder.messages import Radiation
@@ -22,13 +22,14 @@ READINGS = 12
 """How many random cases each law tries."""
 
 
-def random_sensor(draw: Draw, model: str = "peak") -> Sensor:
-    """A sensor with a random beam, error and shape of its model."""
-    heard = Heard("made", Radiation.ULTRASOUND)
+def random_sensor(draw: Draw, model: SensorModel = SENSOR_MODELS["peak"]) -> Sensor:
+    """A sensor with a random beam, error and shape; keys of the model alone keep their defaults."""
+    reported = ReportedSensor("made", Radiation.ULTRASOUND)
     return replace(
-        settle_sensor(heard, MappingConfig(), mounted=False),
+        resolve_sensor(reported, MappingConfig(), mounted=False),
         layer="made",
-        model=model,
+        model=model.name,
+        own=model.Parameters.defaults(),
         beam_width_rad=float(draw.uniform(0.02, 2.0)),
         range_error=float(draw.uniform(0.0, 0.3)),
         regions=int(6 * draw.integers(1, 5)),
@@ -65,9 +66,9 @@ def beam_at(pose: SE2, range_m: float, sensor: Sensor) -> Beam:
 
 def random_reading(draw: Draw, *, echo: bool = True) -> TempGrid:
     """The temp grid of a random beam, by one of the built-in models."""
-    model = str(draw.choice(["regions", "peak", "fading"]))
+    model = SENSOR_MODELS[str(draw.choice(["regions", "peak", "fading"]))]
     sensor = random_sensor(draw, model)
-    return rasterise_cells(random_beam(draw, sensor, echo=echo), sensor, SENSOR_MODELS[model], GRID)
+    return rasterise_cells(random_beam(draw, sensor, echo=echo), sensor, model, GRID)
 
 
 def one_spot_readings() -> tuple[TempGrid, TempGrid]:
@@ -84,6 +85,6 @@ def one_spot_readings() -> tuple[TempGrid, TempGrid]:
     width = hit.window.cols
     through = replace(
         through, window=hit.window, probability=through.probability[:, :width],
-        band=through.band[:, :width], front=through.front[:, :width],
+        band=through.band[:, :width], free=through.free[:, :width],
     )  # fmt: skip
     return hit, through

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
-from mapping.config import Sensor
 from mapping.grid import read_only
 from mapping.laws.made_readings import GRID, READINGS, Draw, beam_at, random_beam, random_sensor
-from mapping.sensor_model import SensorModel, Sight
+from mapping.parameters import Sensor
+from mapping.sensor_model import CellsInBeam, SensorModel
 from mapping.sensor_model.cells import rasterise_cells
 from recorder.geometry import SE2
 
@@ -22,21 +22,23 @@ Flags = NDArray[np.bool_]
 ROUNDING = 1e-9
 
 
-def _seen(model: SensorModel, draw: Draw) -> Iterator[tuple[Sensor, Sight]]:
+def _seen(model: SensorModel, draw: Draw) -> Iterator[tuple[Sensor, CellsInBeam]]:
     """Random sensors and what their beams could cover."""
     for _ in range(READINGS):
-        sensor = random_sensor(draw, model.name)
-        yield sensor, random_sight(model, sensor, draw)
+        sensor = random_sensor(draw, model)
+        yield sensor, random_cells_in_beam(model, sensor, draw)
 
 
-def random_sight(model: SensorModel, sensor: Sensor, draw: Draw, count: int = 200) -> Sight:
+def random_cells_in_beam(
+    model: SensorModel, sensor: Sensor, draw: Draw, count: int = 200
+) -> CellsInBeam:
     """Random places in the front and in the band of a random range."""
     before, behind = model.band(sensor)
     range_m = float(draw.uniform(0.05, 3.0))
     start, end = range_m * (1.0 - before), range_m * (1.0 + behind)
     half = sensor.beam_width_rad / 2.0
     rho, alpha = draw.uniform(0.0, end, count), draw.uniform(-half, half, count)
-    sight = Sight(
+    beam_cells = CellsInBeam(
         rho_m=rho,
         along_m=rho * np.cos(alpha),
         across_m=rho * np.sin(alpha),
@@ -47,61 +49,67 @@ def random_sight(model: SensorModel, sensor: Sensor, draw: Draw, count: int = 20
         half_width_rad=half,
     )
     # A model that writes into what it was given is caught by the lock.
-    for array in (sight.rho_m, sight.along_m, sight.across_m, sight.range_m, sight.in_band):
+    for array in (
+        beam_cells.rho_m,
+        beam_cells.along_m,
+        beam_cells.across_m,
+        beam_cells.range_m,
+        beam_cells.in_band,
+    ):
         read_only(array)
-    return sight
+    return beam_cells
 
 
 def band_is_a_band(model: SensorModel, draw: Draw) -> str | None:
     """The band begins between the sensor and the range, and does not end before the range."""
     for _ in range(READINGS):
-        before, behind = model.band(random_sensor(draw, model.name))
+        before, behind = model.band(random_sensor(draw, model))
         if not (0.0 <= before <= 1.0 and 0.0 <= behind < np.inf):
             return f"band gives {before:g} before and {behind:g} behind the range"
     return None
 
 
-def says_probabilities(model: SensorModel, draw: Draw) -> str | None:
+def gives_probabilities(model: SensorModel, draw: Draw) -> str | None:
     """Every cell gets one probability, a number from 0 to 1."""
-    for sensor, sight in _seen(model, draw):
-        said = np.asarray(model.occupied(sensor, sight))
-        if said.shape != sight.rho_m.shape:
-            return f"{said.shape} probabilities for {sight.rho_m.shape} cells"
-        wrong = ~((said >= 0.0) & (said <= 1.0))
+    for sensor, beam_cells in _seen(model, draw):
+        given = np.asarray(model.occupied(sensor, beam_cells))
+        if given.shape != beam_cells.rho_m.shape:
+            return f"{given.shape} probabilities for {beam_cells.rho_m.shape} cells"
+        wrong = ~((given >= 0.0) & (given <= 1.0))
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
-            return f"{said[k]:g} for a cell {_place(sight, k)}"
+            return f"{given[k]:g} for a cell {_place(beam_cells, k)}"
     return None
 
 
-def band_speaks_for_the_obstacle(model: SensorModel, draw: Draw) -> str | None:
+def band_is_evidence_for_the_obstacle(model: SensorModel, draw: Draw) -> str | None:
     """Nothing in the band is below 0.5, and nothing in front of it above."""
-    for sensor, sight in _seen(model, draw):
-        said = model.occupied(sensor, sight)
-        wrong = np.where(sight.in_band, said < 0.5 - ROUNDING, said > 0.5 + ROUNDING)
+    for sensor, beam_cells in _seen(model, draw):
+        given = model.occupied(sensor, beam_cells)
+        wrong = np.where(beam_cells.in_band, given < 0.5 - ROUNDING, given > 0.5 + ROUNDING)
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
-            where = "in the band" if sight.in_band[k] else "in front of the band"
-            return f"{said[k]:.4g} {where}, for a cell {_place(sight, k)}"
+            where = "in the band" if beam_cells.in_band[k] else "in front of the band"
+            return f"{given[k]:.4g} {where}, for a cell {_place(beam_cells, k)}"
     return None
 
 
 def mirrors_across_the_beam(model: SensorModel, draw: Draw) -> str | None:
     """A cell to the left of the axis gets what its mirror image to the right gets."""
-    for sensor, sight in _seen(model, draw):
-        left = model.occupied(sensor, sight)
-        right = model.occupied(sensor, replace(sight, across_m=-sight.across_m))
+    for sensor, beam_cells in _seen(model, draw):
+        left = model.occupied(sensor, beam_cells)
+        right = model.occupied(sensor, replace(beam_cells, across_m=-beam_cells.across_m))
         wrong = np.abs(left - right) > ROUNDING
-        wrong &= ~_on_a_region_edge(sight, sensor.regions)
+        wrong &= ~_on_a_region_edge(beam_cells, sensor.regions)
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
-            return f"{left[k]:.4g} against {right[k]:.4g} for a cell {_place(sight, k)}"
+            return f"{left[k]:.4g} against {right[k]:.4g} for a cell {_place(beam_cells, k)}"
     return None
 
 
-def _on_a_region_edge(sight: Sight, regions: int) -> Flags:
+def _on_a_region_edge(beam_cells: CellsInBeam, regions: int) -> Flags:
     """An edge belongs to one of its two regions, so it has no mirror image."""
-    place = sight.across_fraction * regions
+    place = beam_cells.across_fraction * regions
     edge: Flags = np.abs(place - np.round(place)) < 1e-6
     return edge
 
@@ -109,7 +117,7 @@ def _on_a_region_edge(sight: Sight, regions: int) -> Flags:
 def turns_with_the_beam(model: SensorModel, draw: Draw) -> str | None:
     """A robot turned by a quarter gets the same temp grid, turned by a quarter."""
     for _ in range(READINGS):
-        sensor = random_sensor(draw, model.name)
+        sensor = random_sensor(draw, model)
         beam = random_beam(draw, sensor)
         pose = beam.world_from_sensor
         turned_pose = SE2(-pose.y_m, pose.x_m, pose.heading_rad + np.pi / 2.0)
@@ -130,32 +138,33 @@ def _on_the_whole_grid(temp: TempGrid) -> Floats:
 
 
 def each_cell_for_itself(model: SensorModel, draw: Draw) -> str | None:
-    """What is said of a cell depends on that cell alone, and is the same each time."""
-    for sensor, sight in _seen(model, draw):
-        all_at_once = np.array(model.occupied(sensor, sight))
-        some = np.sort(draw.permutation(sight.rho_m.size)[:20])
-        part = sight.of(some)
+    """What a cell is given depends on that cell alone, and is the same each time."""
+    for sensor, beam_cells in _seen(model, draw):
+        all_at_once = np.array(model.occupied(sensor, beam_cells))
+        some = np.sort(draw.permutation(beam_cells.rho_m.size)[:20])
+        part = beam_cells.of(some)
         alone = model.occupied(sensor, part)
         wrong = ~(np.abs(alone - all_at_once[some]) <= ROUNDING)
         if wrong.any():
             k = int(np.flatnonzero(wrong)[0])
             return (
                 f"{alone[k]:.4g} among 20 cells, {all_at_once[some][k]:.4g} among "
-                f"{sight.rho_m.size}, for a cell {_place(part, k)}"
+                f"{beam_cells.rho_m.size}, for a cell {_place(part, k)}"
             )
     return None
 
 
-def _place(sight: Sight, k: int) -> str:
-    angle = float(np.degrees(sight.alpha_rad[k]))
-    return f"{sight.rho_m[k]:.3g} m away, {angle:.3g} degrees off (range {sight.range_m[k]:.3g} m)"
+def _place(beam_cells: CellsInBeam, k: int) -> str:
+    angle = float(np.degrees(beam_cells.alpha_rad[k]))
+    rho_m, range_m = beam_cells.rho_m[k], beam_cells.range_m[k]
+    return f"{rho_m:.3g} m away, {angle:.3g} degrees off (range {range_m:.3g} m)"
 
 
 ModelLaw = Callable[[SensorModel, Draw], "str | None"]
 MODEL_LAWS: dict[str, ModelLaw] = {
     "the band lies at the range": band_is_a_band,
-    "every cell gets one probability": says_probabilities,
-    "the band speaks for the obstacle, the front against it": band_speaks_for_the_obstacle,
+    "every cell gets one probability": gives_probabilities,
+    "the band speaks for the obstacle, the front against it": band_is_evidence_for_the_obstacle,
     "the temp grid mirrors across the beam": mirrors_across_the_beam,
     "the temp grid turns with the beam": turns_with_the_beam,
     "each cell is judged by itself": each_cell_for_itself,

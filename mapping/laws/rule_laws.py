@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 SAME_SPOT = 100_000
 """How many readings of one spot neither break a rule nor leave a cell stuck."""
 CONTRARY = 100
-"""After so many readings that say the opposite, a cell must have moved."""
+"""After so many readings of the opposite, a cell must have moved."""
 ROUNDING = 1e-9
 ORDER_TOLERANCE = 1e-5
 
@@ -51,8 +51,8 @@ def stays_finite(rule: UpdateRule, draw: Draw) -> str | None:
     return None
 
 
-def nothing_said_nothing_changed(rule: UpdateRule, draw: Draw) -> str | None:
-    """A reading that says nothing of any cell changes nothing."""
+def no_evidence_no_change(rule: UpdateRule, draw: Draw) -> str | None:
+    """A reading without evidence for any cell changes nothing."""
     state = MapState(rule, GRID)
     for _ in range(3):
         state.merge(random_reading(draw))
@@ -72,7 +72,7 @@ def changes_only_what_was_covered(rule: UpdateRule, draw: Draw) -> str | None:
         temp = random_reading(draw)
         passed, hit = axis_cells(temp)
         covered = np.zeros(GRID.shape, np.bool_)
-        covered[temp.window.slices] = temp.band | temp.front | passed | hit
+        covered[temp.window.slices] = temp.band | temp.free | passed | hit
         state.merge(temp)
         outside = (state.layer("made").values != before) & ~covered
         if outside.any():
@@ -82,7 +82,7 @@ def changes_only_what_was_covered(rule: UpdateRule, draw: Draw) -> str | None:
 
 
 def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
-    """Where a reading says occupied the probability does not sink; where empty, not rise."""
+    """Evidence for occupied does not lower the probability, for empty does not raise it."""
     cells = _cells(rule)
     most = 10.0 * READINGS  # a share of the largest needs one that stays the same
     for _ in range(READINGS):
@@ -93,21 +93,21 @@ def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
         rise = rule.probability(here, most) - before
         passed, hit = axis_cells(temp)
         sunk = temp.band & (temp.probability > 0.5) & (rise < -ROUNDING)
-        if rule.kind == "certainty":  # goes by the axis alone, which runs into the band a little
+        if rule.along_axis:  # which runs into the band a little
             sunk &= ~passed
-        # The centre of the obstacle's own cell may lie in front of the band: that says nothing.
-        front = temp.front & ~hit
-        risen = front & (temp.probability < 0.5) & (rise > ROUNDING)
-        for wrong, words in ((sunk, "occupied: the probability sank"), (risen, "empty: it rose")):
+        # The centre of the obstacle's own cell may lie in front of the band: no evidence.
+        free = temp.free & ~hit
+        risen = free & (temp.probability < 0.5) & (rise > ROUNDING)
+        for wrong, wanted in ((sunk, "occupied: the probability sank"), (risen, "empty: it rose")):
             if wrong.any():
                 row, col = np.argwhere(wrong)[0]
                 p, by = temp.probability[row, col], rise[row, col]
-                return f"a reading of {p:.3g} said {words} by {abs(by):.3g}"
+                return f"a reading of {p:.3g} said {wanted} by {abs(by):.3g}"
     return None
 
 
 def order_does_not_matter(rule: UpdateRule, draw: Draw) -> str | None:
-    """The same readings in another order give the same map, unless the rule says otherwise."""
+    """The same readings in another order give the same map, unless ``order_matters``."""
     if rule.order_matters:
         return None
     temps = [random_reading(draw) for _ in range(READINGS)]
@@ -136,7 +136,7 @@ def survives_one_spot(rule: UpdateRule, draw: Draw) -> str | None:
     A rule that never listens to the opposite (a count of hits) is not stuck: it is deaf to it.
     """
     far, near = one_spot_readings()
-    for often, then, words in ((far, near, "occupied"), (near, far, "empty")):
+    for often, then, state in ((far, near, "occupied"), (near, far, "empty")):
         cell = (often.window.rows // 2, _spot_column(often))
         cells = _cells(rule, often.probability.shape)
         rule.merge(cells, often)
@@ -145,9 +145,9 @@ def survives_one_spot(rule: UpdateRule, draw: Draw) -> str | None:
             rule.merge(cells, often)
         value = rule.values(cells)[cell]
         if not np.isfinite(value):
-            return f"{SAME_SPOT:,} readings that said {words} left {value}"
+            return f"{SAME_SPOT:,} readings that said {state} left {value}"
         if not deaf and not _moves(rule, cells, then, cell, CONTRARY):
-            return f"{SAME_SPOT:,} readings that said {words} left a cell stuck at {value:g}"
+            return f"{SAME_SPOT:,} readings that said {state} left a cell stuck at {value:g}"
     return None
 
 
@@ -183,7 +183,7 @@ def keeps_to_itself(rule: UpdateRule, draw: Draw) -> str | None:
 RuleLaw = Callable[[UpdateRule, Draw], "str | None"]
 RULE_LAWS: dict[str, RuleLaw] = {
     "values stay finite, probabilities within 0 and 1": stays_finite,
-    "a reading that says nothing changes nothing": nothing_said_nothing_changed,
+    "a reading that says nothing changes nothing": no_evidence_no_change,
     "only covered cells change": changes_only_what_was_covered,
     "evidence counts its own way": evidence_counts_its_own_way,
     "the order of readings does not matter": order_does_not_matter,

@@ -1,6 +1,6 @@
 """Ordered points to lines: cut into pieces, merge, settle the joints, fit, intersect.
 
-A *chain* is an ordered run of points; many go through one call, ``offsets`` (C + 1,) telling where
+A *chain* is an ordered run of points; many go through one call, ``offsets`` (C + 1,) marking where
 each starts in ``xy`` (N, 2). A *piece* is a run of its points, ``first`` and ``count``; in a closed
 chain it may run over the end. ``sums`` (pieces, 6) hold, relative to the chain's first point so
 that no digits are lost, n, x, y, xx, xy and yy: two pieces merge by adding them.
@@ -56,7 +56,7 @@ def _direction(s: Floats, y_on_x: bool) -> tuple[float, float]:
 def _farthest(xy: Floats, low: int, high: int, closed: bool) -> tuple[int, float]:
     """The point strictly between two that lies farthest from their chord, and how far.
 
-    Where there is no chord, or ``closed`` says that it means nothing: from the first of the two.
+    Where there is no chord, or ``closed`` makes it meaningless: from the first of the two.
     """
     x0, y0 = xy[low, 0], xy[low, 1]
     dx, dy = xy[high, 0] - x0, xy[high, 1] - y0
@@ -87,7 +87,7 @@ def _split(
     """
     pieces = top = 0
     stack[0, 0], stack[0, 1] = begin, end - 1
-    forced = closed  # the chord of a closed chain says nothing: its farthest point is a corner
+    forced = closed  # the chord of a closed chain means nothing: its farthest point is a corner
     while top >= 0:
         low, high = stack[top, 0], stack[top, 1]
         top -= 1
@@ -339,7 +339,7 @@ def _lines_of_pieces(
         _corner(out[n_out - 1], out[before], settings[4], settings[5])
     kept = before
     for p in range(before, n_out):
-        # The outer two have had their say about the corners of their neighbours.
+        # The outer two have already set the corners of their neighbours.
         outer = out[p, layout.FIRST] == first[0] or out[p, layout.FIRST] == first[pieces - 1]
         dx, dy = out[p, layout.X1] - out[p, layout.X0], out[p, layout.Y1] - out[p, layout.Y0]
         if math.hypot(dx, dy) >= settings[3] and not (outer and drop):

@@ -1,6 +1,6 @@
 """Border following on a grid, eight-connected, in a single pass over the cells.
 
-The grid is copied into bytes with white all around: bit 1 of a byte says that the cell is occupied,
+The grid is copied into bytes with white all around: bit 1 of a byte: the cell is occupied,
 bit 2 that the crack on its west side (the cell and its white west neighbour) belongs to a border
 that has been traced. Marking cracks and not cells is what finds the holes of one-cell walls.
 """
@@ -28,7 +28,7 @@ Cells = NDArray[np.int64]
 def _padded(occupied: Bytes, filled: Bytes) -> tuple[Bytes, int]:
     """The grid as bytes with white around it, and the length of a row (a multiple of 8).
 
-    ``filled`` (rows,) tells which rows hold anything: the others are not even looked at.
+    ``filled`` (rows,) marks which rows hold anything: the others are not even looked at.
     """
     rows, cols = occupied.shape
     stride = (cols // 8 + 1) * 8  # at least one white byte ends a row: the west of the next one

@@ -1,24 +1,23 @@
 """From points to lines: raw points of a ranger or a scan, or the borders of a grid.
 
 Points become chains (:mod:`.chains`), a method of the table (:mod:`.methods`) finds lines in them
-and :mod:`.least_squares` says how sure each is. What happens on the way is told stage by stage
-(:mod:`.stages`).
+and :mod:`.least_squares` gives the covariance of each. What happens on the way is reported stage by
+stage (:mod:`.stages`).
 """
 
 from __future__ import annotations
 
+from mapping.segments.free_space import reachable_cells
 from mapping.segments.grid_lines import segments_from_borders
 from mapping.segments.methods import LINE_METHODS, LineMethod
-from mapping.segments.passes import segments_of_ranger
+from mapping.segments.ranger_lines import segments_of_ranger
 from mapping.segments.raw import (
     segments_from_points,
     segments_from_scan,
     stages_of_points,
 )
 from mapping.segments.ridge import segments_from_grid, segments_from_ridge
-from mapping.segments.seen import reachable_cells
-from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage
-from mapping.segments.telling import line_stages
+from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage, line_stages
 
 __all__ = [
     "LINE_METHODS",

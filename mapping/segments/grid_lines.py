@@ -3,7 +3,7 @@
 A border runs through the centres of cells that lie inside what is solid, so every line comes out
 half a cell too deep; along a line that runs askew the steps of the border eat a part of that. Lines
 are therefore moved towards the free side, the right of the trace, by half a cell times the larger
-of the two components of their direction. What the border of a wall says twice is said once: pieces
+of the two components of their direction. What the border of a wall shows twice is kept once: pieces
 in one line are joined across borders, and the two faces of a thin wall become its centre line.
 """
 
@@ -18,6 +18,7 @@ from mapping.artifacts import Border, Segment
 from mapping.config import SegmentsSection
 from mapping.grid import GridGeometry
 from mapping.segments.chains import joined
+from mapping.segments.free_space import cut_where_free, grown
 from mapping.segments.joining import merge_collinear, pair_faces
 from mapping.segments.least_squares import (
     FittedLine,
@@ -27,7 +28,6 @@ from mapping.segments.least_squares import (
 )
 from mapping.segments.methods import line_method
 from mapping.segments.runs import meet_at_corners
-from mapping.segments.seen import cut_where_free, grown
 from mapping.segments.stages import Observer
 
 # A digital straight line stays within a cell of its chord; a ragged one within two.
@@ -51,9 +51,9 @@ def segments_from_borders(
     """Lines along the borders of one layer, each wall once, in the map frame.
 
     ``observed`` (rows, cols): border cells outside of it make no lines. ``reachable`` (rows, cols),
-    of :func:`mapping.segments.seen.reachable_cells`: nor do border cells without such a free cell
-    beside them, which are echoes that seem to lie behind walls. The back of a thin wall, though,
-    still tells where its centre is.
+    of :func:`mapping.segments.free_space.reachable_cells`: nor do border cells without such a free
+    cell beside them, which are echoes that seem to lie behind walls. The back of a thin wall,
+    though, still shows where its centre is.
     ``border`` of a segment is the number of the border that gave most of it.
     """
     if not borders:

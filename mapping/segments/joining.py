@@ -35,7 +35,7 @@ def merge_collinear(
                 break
             other = waiting.pop(partner)
             merged = _union(line, other)
-            _tell(line, other, merged, cost, observe)
+            _report(line, other, merged, cost, observe)
             line = merged
         done.append(line)
     return done
@@ -81,7 +81,7 @@ def _union(a: FittedLine, b: FittedLine) -> FittedLine:
     return FittedLine(points, line.centre_m, along, start, end)
 
 
-def _tell(
+def _report(
     line: FittedLine, other: FittedLine, merged: FittedLine, cost: float, observe: Observer | None
 ) -> None:
     if observe is None:

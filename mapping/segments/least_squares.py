@@ -31,7 +31,7 @@ class FittedLine:
     """A line and the points (N, 2) that it was fitted to, in order along the chain.
 
     ``centre_m`` and ``along`` (a unit vector) are the line; ``start_m`` and ``end_m`` its ends,
-    in the points' order; ``corners`` tells which of them are crossings with a neighbour.
+    in the points' order; ``corners`` is which of them are crossings with a neighbour.
     """
 
     points_m: FloatArray
@@ -63,14 +63,12 @@ class FittedLine:
         return float(math.dist(self.start_m, self.end_m))
 
 
-def fit_line(
-    points_m: FloatArray, *, y_on_x: bool = False, weights: FloatArray | None = None
-) -> FittedLine:
+def fit_line(points_m: FloatArray, *, y_on_x: bool = False) -> FittedLine:
     """The best line through points (N, 2), N >= 1, from the projection of the first to the last.
 
     Points that all coincide give a line along +x, of length 0.
     """
-    w = np.ones(len(points_m)) if weights is None else weights
+    w = np.ones(len(points_m))
     centre = w @ points_m / w.sum()
     d = points_m - centre
     xx, xy, yy = w @ d[:, 0] ** 2, w @ (d[:, 0] * d[:, 1]), w @ d[:, 1] ** 2

@@ -12,7 +12,6 @@ from mapping.line_kernels import layout
 from mapping.segments.chains import Chains
 from mapping.segments.least_squares import FittedLine, FloatArray
 from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, place_of
-from mapping.segments.windows import window_cuts
 
 _MERGE_RULES = {
     "none": layout.NO_MERGE,
@@ -26,6 +25,10 @@ _NO_CUTS = np.empty(0, np.int64)
 # How many points a joint may move to where both lines fit best. A growing set takes in a good part
 # of the next wall before its rms shows it; a chord's farthest point is off by a point or two.
 SETTLE_SPLIT, SETTLE_GROWN = 2, 12
+WINDOW = 9  # points, of line regression
+# Two windows a step apart share all but one point at either end, so that along a wall their lines
+# differ by far less than each is uncertain; beyond this they belong to two walls.
+_MOST = 3.0
 
 
 def split_and_merge(
@@ -46,7 +49,55 @@ def line_regression(
     chains: Chains, config: SegmentsSection, observe: Observer | None = None
 ) -> list[FittedLine]:
     """Fit a window of points at every place; cut where the lines of neighbouring windows differ."""
-    return _finish(chains, config, observe, layout.GIVEN, window_cuts(chains, config), SETTLE_GROWN)
+    return _finish(
+        chains, config, observe, layout.GIVEN, _window_cuts(chains, config), SETTLE_GROWN
+    )
+
+
+def _window_cuts(chains: Chains, config: SegmentsSection) -> NDArray[np.int64]:
+    """Indices (K,) of the points where a piece starts, the chains' own starts among them.
+
+    Arras and Siegwart (1997): the sum of squared Mahalanobis distances, in (rho, alpha), between a
+    window's line and those of its two neighbours is small along a wall and large at a corner.
+    """
+    cuts: list[NDArray[np.int64]] = []
+    for begin, end in zip(chains.offsets[:-1], chains.offsets[1:], strict=True):
+        inner = _cuts_of(chains.points_m[begin:end], config.epsilon_m / 4.0)
+        if end - begin >= 2:
+            cuts.append(begin + np.concatenate([[0], inner]))
+    return np.concatenate(cuts).astype(np.int64) if cuts else np.empty(0, np.int64)
+
+
+def _cuts_of(points: FloatArray, sigma_m: float) -> NDArray[np.int64]:
+    """Between two straight runs of windows, the cut lies in the middle of the bent ones."""
+    if len(points) < WINDOW + 2:
+        return np.empty(0, np.int64)
+    bent = _change(points, sigma_m) > _MOST
+    edges = np.flatnonzero(np.diff(bent.astype(np.int8)))
+    starts = edges[bent[edges + 1]] + 1
+    ends = edges[bent[edges]] + 1
+    if bent[0]:
+        starts = np.concatenate([[0], starts])
+    if bent[-1]:
+        ends = np.append(ends, len(bent))
+    middles = (starts + ends - 1) // 2 + 1 + WINDOW // 2
+    return middles[(middles > 0) & (middles < len(points))]
+
+
+def _change(points: FloatArray, sigma_m: float) -> FloatArray:
+    """(W - 2,): how far the line of each inner window is from those of its two neighbours."""
+    p = points - points[0]
+    columns = np.column_stack([p, p[:, 0] ** 2, p[:, 0] * p[:, 1], p[:, 1] ** 2])
+    sums = np.concatenate([np.zeros((1, 5)), np.cumsum(columns, axis=0)])
+    x, y, xx, xy, yy = ((sums[WINDOW:] - sums[:-WINDOW]) / WINDOW).T
+    xx, xy, yy = xx - x * x, xy - x * y, yy - y * y
+    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
+    along = np.maximum(0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy), 1e-12)
+    # How the next line differs from this one: its offset at this window's centre, and its angle.
+    turn = (np.diff(angle) + np.pi / 2) % np.pi - np.pi / 2
+    offset = -np.sin(angle[:-1]) * np.diff(x) + np.cos(angle[:-1]) * np.diff(y)
+    squared = WINDOW / sigma_m**2 * (offset**2 + along[:-1] * turn**2)
+    return np.asarray(squared[:-1] + squared[1:])
 
 
 def _finish(
@@ -74,9 +125,9 @@ def _finish(
     )
     lines = [_line(chains, row) for row in found[: counts[0]]]
     if observe is not None:
-        _tell_splits(chains, log[0, : counts[1]], observe)
-        _tell_merges(chains, log[1, : counts[2]], observe)
-        _tell_lines(lines, observe)
+        _report_splits(chains, log[0, : counts[1]], observe)
+        _report_merges(chains, log[1, : counts[2]], observe)
+        _report_lines(lines, observe)
     return lines
 
 
@@ -110,14 +161,14 @@ def _line(chains: Chains, row: FloatArray) -> FittedLine:
     )
 
 
-def _tell_splits(chains: Chains, splits: FloatArray, observe: Observer) -> None:
+def _report_splits(chains: Chains, splits: FloatArray, observe: Observer) -> None:
     points = chains.points_m
     for low, high, cut, distance in splits:
         start, end, at = (place_of(points[int(i)]) for i in (low, high, cut))
         observe(Split(start, end, at, float(distance)))
 
 
-def _tell_merges(chains: Chains, merges: FloatArray, observe: Observer) -> None:
+def _report_merges(chains: Chains, merges: FloatArray, observe: Observer) -> None:
     for first, count, joint, cost in merges:
         chain = int(np.searchsorted(chains.offsets, first, side="right")) - 1
         last = chains.points_of(chain, int(first), int(count))[-1]
@@ -126,7 +177,7 @@ def _tell_merges(chains: Chains, merges: FloatArray, observe: Observer) -> None:
         observe(Merge(start, at, end, float(cost)))
 
 
-def _tell_lines(lines: list[FittedLine], observe: Observer) -> None:
+def _report_lines(lines: list[FittedLine], observe: Observer) -> None:
     for line in lines:
         t = (line.points_m[[0, -1]] - line.centre_m) @ line.along
         start, end = (place_of(line.centre_m + at * line.along) for at in t)

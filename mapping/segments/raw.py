@@ -36,8 +36,8 @@ def segments_from_points(
     ``config.order`` may put them in another order first: by bearing around ``origin_m`` (default:
     their mean), or from nearest to nearest. Neighbours more than ``gap_m`` (default: the
     configuration's) apart are not joined. ``closed`` None: where the two ends meet. Points that
-    are not finite are left out. ``observe`` hears of every stage. Raises BadInput for a method
-    that is not known.
+    are not finite are left out. ``observe`` is called with every stage. Raises BadInput for a
+    method that is not known.
     """
     points = np.asarray(points_m, np.float64).reshape(-1, 2)
     method = line_method(config.method)

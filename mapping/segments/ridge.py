@@ -15,6 +15,7 @@ from mapping.borders import trace_borders
 from mapping.config import SegmentsSection
 from mapping.grid import GridGeometry
 from mapping.segments.chains import joined
+from mapping.segments.free_space import cut_where_free
 from mapping.segments.grid_lines import (
     as_segments,
     for_pieces,
@@ -25,7 +26,6 @@ from mapping.segments.joining import merge_collinear
 from mapping.segments.least_squares import FittedLine, FloatArray
 from mapping.segments.methods import line_method
 from mapping.segments.runs import meet_at_corners
-from mapping.segments.seen import cut_where_free
 from mapping.segments.stages import Observer
 
 Cells = NDArray[np.bool_]
@@ -47,7 +47,7 @@ def segments_from_ridge(
     """Lines along the centre lines of a layer's occupied bands, in the map frame.
 
     ``observed`` (rows, cols): only what is occupied inside of it counts. ``reachable`` (rows,
-    cols), of :func:`mapping.segments.seen.reachable_cells`: only bands beside such free cells.
+    cols), of :func:`mapping.segments.free_space.reachable_cells`: only bands beside those.
     """
     geometry = thresholded.geometry
     occupied = thresholded.occupied.copy()
@@ -116,14 +116,13 @@ def _without_whiskers(
     lines: list[FittedLine], geometry: GridGeometry, depth: FloatArray
 ) -> list[FittedLine]:
     """Leave out lines no longer than the thickness of the band that they run in."""
-    kept = []
-    for line in lines:
-        cells = geometry.cells_of(line.points_m)
-        cells = cells[geometry.contains(cells)]
-        thickness = 2.0 * float(depth[cells[:, 0], cells[:, 1]].mean()) if len(cells) else 0.0
-        if line.length_m > thickness * geometry.resolution_m:
-            kept.append(line)
-    return kept
+
+    def thickness_cells(line: FittedLine) -> float:
+        rows, cols = _cells_along(line, geometry)
+        return 2.0 * float(depth[rows, cols].mean()) if len(rows) else 0.0
+
+    size = geometry.resolution_m
+    return [line for line in lines if line.length_m > thickness_cells(line) * size]
 
 
 def _beside(
@@ -135,10 +134,14 @@ def _beside(
     if not reachable.any():
         return []
     near = distance_transform_edt(~reachable) <= _UNEVEN * depth + _UNEVEN_CELLS
-    kept = []
-    for line in lines:
-        cells = geometry.cells_of(line.points_m)
-        cells = cells[geometry.contains(cells)]
-        if len(cells) and near[cells[:, 0], cells[:, 1]].mean() >= _SEEN_SHARE:
-            kept.append(line)
-    return kept
+    places = [(line, _cells_along(line, geometry)) for line in lines]
+    return [line for line, at in places if len(at[0]) and near[at].mean() >= _SEEN_SHARE]
+
+
+def _cells_along(
+    line: FittedLine, geometry: GridGeometry
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Rows and columns of the cells that hold a line's points."""
+    cells = geometry.cells_of(line.points_m)
+    rows, cols = cells[geometry.contains(cells)].T
+    return rows, cols

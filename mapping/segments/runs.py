@@ -39,7 +39,7 @@ def peel(
             line = fit_line(points_m[rest[indices]], y_on_x=config.fit == "y-on-x")
             left[rest[indices]] = False
             lines.append(line)
-            _tell(line, observe)
+            _report(line, observe)
     return lines
 
 
@@ -77,7 +77,7 @@ def _long_enough(t: FloatArray, config: SegmentsSection) -> bool:
     return len(t) >= config.min_points and float(t[-1] - t[0]) >= config.min_length_m
 
 
-def _tell(line: FittedLine, observe: Observer | None) -> None:
+def _report(line: FittedLine, observe: Observer | None) -> None:
     if observe is not None:
         start, end = place_of(line.start_m), place_of(line.end_m)
         observe(Fit(start, end, len(line.points_m), line.rms_m))

@@ -5,11 +5,14 @@ All places are in metres, in the frame of the points that went in.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mapping.artifacts import LineStage
 
 Place = tuple[float, float]
 
@@ -65,3 +68,46 @@ class Corner:
 
 Stage = Split | Merge | Fit | Corner
 Observer = Callable[[Stage], None]
+
+# In the order in which the methods go through them.
+KINDS = ("split", "merge", "fit", "corner")
+
+
+def line_stages(
+    stages: Sequence[Stage], *, layer: str, source: str, each: bool
+) -> Iterator[LineStage]:
+    """Artifacts of some stages: ``each`` gives one a stage in turn, else one for each kind."""
+    if each:
+        groups = [[stage] for stage in stages]
+    else:
+        groups = [[stage for stage in stages if _kind(stage) == kind] for kind in KINDS]
+    for group in groups:
+        if group:
+            yield _together(group, layer, source)
+
+
+def _kind(stage: Stage) -> str:
+    return type(stage).__name__.lower()
+
+
+def _together(stages: Sequence[Stage], layer: str, source: str) -> LineStage:
+    """``stages`` are of one kind."""
+    parts = [_parts(stage) for stage in stages]
+    pieces = np.array([piece for piece, _, _ in parts if piece], np.float64).reshape(-1, 2, 2)
+    places = np.array(list(itertools.chain(*(at for _, at, _ in parts))), np.float64).reshape(-1, 2)
+    sizes = tuple(size for _, _, size in parts if size is not None)
+    pieces.flags.writeable = places.flags.writeable = False
+    return LineStage(layer, source, _kind(stages[0]), pieces, places, sizes)
+
+
+def _parts(stage: Stage) -> tuple[tuple[Place, Place] | None, list[Place], float | None]:
+    """The piece that a stage is about, the places of note on it, and what decided."""
+    match stage:
+        case Split():
+            return (stage.start_m, stage.end_m), [stage.at_m], stage.distance_m
+        case Merge():
+            return (stage.start_m, stage.end_m), [stage.joint_m], stage.cost
+        case Fit():
+            return (stage.start_m, stage.end_m), [], stage.rms_m
+        case Corner():
+            return None, [stage.at_m], None

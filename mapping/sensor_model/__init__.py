@@ -1,37 +1,44 @@
-"""One beam → its temp grid: what this reading alone says of each cell.
+"""One beam → its temp grid: the evidence of this reading alone for each cell.
 
-Two tables name what there is: ``SENSOR_MODELS`` (what is said) and ``RASTERISERS`` (of which cells
-it is said).
+Two tables name what there is: ``SENSOR_MODELS`` (how strong the evidence is) and ``RASTERISERS``
+(for which cells).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Sensor
 from mapping.grid import GridGeometry
 from mapping.names import choose
+from mapping.parameters import Sensor
 from mapping.sensor_model.arcs import rasterise_arcs
-from mapping.sensor_model.cells import rasterise_cells
+from mapping.sensor_model.cells import rasterise_cells, reach_of
 from mapping.sensor_model.models import (
     SENSOR_MODELS,
+    CellsInBeam,
     SensorModel,
-    Sight,
     emptiness,
     region_of,
     regions_table,
 )
+from recorder.errors import BadInput
 
+Floats = NDArray[np.float64]
 Rasteriser = Callable[[Beam, Sensor, SensorModel, GridGeometry], TempGrid]
 RASTERISERS: dict[str, Rasteriser] = {"cells": rasterise_cells, "arcs": rasterise_arcs}
 
 __all__ = [
     "RASTERISERS",
     "SENSOR_MODELS",
+    "CellsInBeam",
     "SensorModel",
-    "Sight",
+    "beam_box_m",
     "emptiness",
     "make_temp_grid",
     "region_of",
@@ -39,8 +46,20 @@ __all__ = [
 ]
 
 
+def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[Floats, Floats]:
+    """The corners (low, high) of a box around all that a reading can touch, metres.
+
+    Raises BadInput where there is no such model, or its band has no end.
+    """
+    model = choose(SENSOR_MODELS, sensor.model, "sensor model")
+    reach = reach_of(model, sensor)
+    if not math.isfinite(reach):
+        raise BadInput(f"sensor model {model.name!r}: its band has no end ({reach - 1.0} ranges)")
+    return beam.bounds_m(reach)
+
+
 def make_temp_grid(beam: Beam, sensor: Sensor, geometry: GridGeometry) -> TempGrid:
-    """What one reading says of each cell of the rectangle that its beam covers.
+    """The evidence of one reading for each cell of the rectangle that its beam covers.
 
     Raises BadInput where the sensor names a model, a rasteriser or regions that do not exist.
     """

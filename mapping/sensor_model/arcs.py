@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Sensor
 from mapping.grid import GridGeometry, Window, read_only
-from mapping.sensor_model.cells import Spans, spans_of, window_of
-from mapping.sensor_model.models import SensorModel, Sight
+from mapping.parameters import Sensor
+from mapping.sensor_model.cells import Spans, reach_of, spans_of
+from mapping.sensor_model.models import CellsInBeam, SensorModel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -41,23 +41,23 @@ class Samples:
 def rasterise_arcs(
     beam: Beam, sensor: Sensor, model: SensorModel, geometry: GridGeometry
 ) -> TempGrid:
-    """The temp grid of a reading, from samples; ``passes`` holds each of them once, if asked."""
+    """The temp grid of a reading, from samples; ``sub_grids`` holds each of them once, if asked."""
     spans = spans_of(beam, sensor, model)
     samples = _samples(beam, spans, geometry.resolution_m, halved=sensor.gaussian != "none")
-    window = window_of(beam, max(0.0, model.band(sensor)[1]), geometry)
-    probability = model.occupied(sensor, _sight(beam, spans, samples))
+    window = geometry.window_around(*beam.bounds_m(reach_of(model, sensor)))
+    probability = model.occupied(sensor, _cells_in_beam(beam, spans, samples))
     cells = geometry.cells_of(_points(beam, samples)) - (window.row0, window.col0)
     inside = ((cells >= 0) & (cells < (window.rows, window.cols))).all(axis=1)
     cells, probability, band = cells[inside], probability[inside], samples.in_band[inside]
     whole = _grid(beam, geometry, window, cells, probability, band)
     if sensor.second_grid:
         return whole
-    passes = tuple(
+    sub_grids = tuple(
         _grid(beam, geometry, *_shrunk(window, cells[taken]), probability[taken], band[taken])
         for taken in _repeats(cells[:, 0] * window.cols + cells[:, 1])
     )
     return TempGrid(
-        beam, geometry, window, whole.probability, whole.band, whole.front, passes=passes
+        beam, geometry, window, whole.probability, whole.band, whole.free, sub_grids=sub_grids
     )
 
 
@@ -96,12 +96,12 @@ def _samples_of_axis(
 ) -> tuple[Floats, Floats, Flags]:
     start, end = float(spans.start_m[axis]), float(spans.end_m[axis])
     step = RANGE_STEP_CELLS * resolution_m
-    front = np.arange(0.0, start, step) if start > 0.0 else np.empty(0)
+    free = np.arange(0.0, start, step) if start > 0.0 else np.empty(0)
     band = start + step * np.arange(math.floor((end - start) / step + _ROUNDING) + 1)
     if end < 0.0:
         band = np.empty(0)
-    ranges = np.concatenate([front, band])
-    in_band = np.arange(ranges.size) >= front.size
+    ranges = np.concatenate([free, band])
+    in_band = np.arange(ranges.size) >= free.size
     turn = angular_step(ranges, width_rad, resolution_m, halved=halved)
     count = np.floor(width_rad / turn + _ROUNDING).astype(np.int64) + 1
     number = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
@@ -116,9 +116,9 @@ def _points(beam: Beam, samples: Samples) -> Floats:
     return np.column_stack([x, y])
 
 
-def _sight(beam: Beam, spans: Spans, samples: Samples) -> Sight:
+def _cells_in_beam(beam: Beam, spans: Spans, samples: Samples) -> CellsInBeam:
     of_samples = spans.of(samples.axis)
-    return Sight(
+    return CellsInBeam(
         rho_m=samples.rho_m,
         along_m=samples.rho_m * np.cos(samples.off_rad),
         across_m=samples.rho_m * np.sin(samples.off_rad),
@@ -142,10 +142,10 @@ def _grid(
     grid[row, col] = probability
     in_band[row, col] = band
     touched[row, col] = True
-    front = touched & ~in_band
-    for array in (grid, in_band, front):
+    free = touched & ~in_band
+    for array in (grid, in_band, free):
         read_only(array)
-    return TempGrid(beam, geometry, window, grid, in_band, front)
+    return TempGrid(beam, geometry, window, grid, in_band, free)
 
 
 def _repeats(flat: Integers) -> list[Integers]:

@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import Sensor
 from mapping.grid import GridGeometry, Window, read_only
-from mapping.sensor_model.models import SensorModel, Sight
+from mapping.parameters import Sensor
+from mapping.sensor_model.models import CellsInBeam, SensorModel
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -24,7 +24,7 @@ class Spans:
     """Of each axis, (N,) metres: its range, and where its band begins and ends.
 
     An axis that saw nothing has its front up to the sensor's reach and no band (an end of -1); one
-    that says nothing at all begins at -1, too.
+    without evidence of any kind begins at -1, too.
     """
 
     range_m: Floats
@@ -69,26 +69,26 @@ def rasterise_cells(
     the cell that holds its obstacle point as the band, seen as if its centre were that point.
     """
     spans = spans_of(beam, sensor, model)
-    window = window_of(beam, max(0.0, model.band(sensor)[1]), geometry)
-    front = np.zeros((window.rows, window.cols), np.bool_)
-    band = np.zeros_like(front)
+    window = geometry.window_around(*beam.bounds_m(reach_of(model, sensor)))
+    free = np.zeros((window.rows, window.cols), np.bool_)
+    band = np.zeros_like(free)
     if beam.ranges_m.size == 1:
-        covered, with_band = _one_axis(beam, spans, geometry, window, front, band)
+        covered, with_band = _one_axis(beam, spans, geometry, window, free, band)
     else:
-        covered, with_band = _many_axes(beam, spans, geometry, window, front, band)
+        covered, with_band = _many_axes(beam, spans, geometry, window, free, band)
     if not with_band.all():
-        covered = _with_point_bands(beam, spans, geometry, window, covered, with_band, front, band)
-    sight = _sight(beam, spans, covered, band)
-    probability = np.full(front.shape, 0.5)
-    probability.ravel()[covered.index] = model.occupied(sensor, sight)
-    for array in (probability, band, front):
+        covered = _with_point_bands(beam, spans, geometry, window, covered, with_band, free, band)
+    beam_cells = _cells_in_beam(beam, spans, covered, band)
+    probability = np.full(free.shape, 0.5)
+    probability.ravel()[covered.index] = model.occupied(sensor, beam_cells)
+    for array in (probability, band, free):
         read_only(array)
-    return TempGrid(beam, geometry, window, probability, band, front)
+    return TempGrid(beam, geometry, window, probability, band, free)
 
 
-def window_of(beam: Beam, behind: float, geometry: GridGeometry) -> Window:
-    """The rectangle of cells that holds a beam whose band ends ``behind`` its range."""
-    return geometry.window_around(*beam.bounds_m(1.0 + behind))
+def reach_of(model: SensorModel, sensor: Sensor) -> float:
+    """How far a reading can touch cells, in shares of its range: to the end of its band."""
+    return 1.0 + max(0.0, model.band(sensor)[1])
 
 
 def _centres(geometry: GridGeometry, window: Window, beam: Beam) -> tuple[Floats, Floats]:
@@ -101,16 +101,16 @@ def _centres(geometry: GridGeometry, window: Window, beam: Beam) -> tuple[Floats
 
 
 def _one_axis(
-    beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, front: Flags, band: Flags
+    beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, free: Flags, band: Flags
 ) -> tuple[Covered, Flags]:
     from mapping.kernels import footprints
 
     heading, half = float(beam.headings_rad[0]), beam.beam_width_rad / 2.0
-    index = np.empty(front.size, np.int64)
-    rho, along, across = (np.empty(front.size) for _ in range(3))
+    index = np.empty(free.size, np.int64)
+    rho, along, across = (np.empty(free.size) for _ in range(3))
     found, in_band = footprints.wedge(
         *_centres(geometry, window, beam), math.cos(heading), math.sin(heading), half,
-        float(spans.start_m[0]), float(spans.end_m[0]), front, band, index, rho, along, across,
+        float(spans.start_m[0]), float(spans.end_m[0]), free, band, index, rho, along, across,
     )  # fmt: skip
     owner = np.zeros(found, np.int64)
     covered = Covered(index[:found], rho[:found], along[:found], across[:found], owner)
@@ -118,17 +118,17 @@ def _one_axis(
 
 
 def _many_axes(
-    beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, front: Flags, band: Flags
+    beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, free: Flags, band: Flags
 ) -> tuple[Covered, Flags]:
     from mapping.kernels import footprints
 
     headings = beam.headings_rad
-    index, owner = np.empty(front.size, np.int64), np.empty(front.size, np.int64)
-    rho, along, across = (np.empty(front.size) for _ in range(3))
+    index, owner = np.empty(free.size, np.int64), np.empty(free.size, np.int64)
+    rho, along, across = (np.empty(free.size) for _ in range(3))
     in_band = np.zeros(headings.size, np.int64)
     found = footprints.fan(
         *_centres(geometry, window, beam), *_borders_between(headings), np.cos(headings),
-        np.sin(headings), beam.beam_width_rad / 2.0, spans.start_m, spans.end_m, front, band,
+        np.sin(headings), beam.beam_width_rad / 2.0, spans.start_m, spans.end_m, free, band,
         index, rho, along, across, owner, in_band,
     )  # fmt: skip
     covered = Covered(index[:found], rho[:found], along[:found], across[:found], owner[:found])
@@ -152,7 +152,7 @@ def _borders_between(headings_rad: Floats) -> tuple[Floats, Integers]:
 
 def _with_point_bands(
     beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, covered: Covered,
-    with_band: Flags, front: Flags, band: Flags,
+    with_band: Flags, free: Flags, band: Flags,
 ) -> Covered:  # fmt: skip
     """Add the obstacle's own cell of each axis without a band; the shortest range wins a cell."""
     lacking = np.flatnonzero(~with_band & (spans.end_m >= 0.0))
@@ -164,7 +164,7 @@ def _with_point_bands(
     inside = ((cells >= 0) & (cells < (window.rows, window.cols))).all(axis=1)
     cells, lacking, d = cells[inside], lacking[inside], d[inside]
     flat = cells[:, 0] * window.cols + cells[:, 1]
-    band.ravel()[flat], front.ravel()[flat] = True, False
+    band.ravel()[flat], free.ravel()[flat] = True, False
     # Of several axes that end in one cell the last, the shortest, stays.
     _, last = np.unique(flat[::-1], return_index=True)
     chosen = flat.size - 1 - last
@@ -179,9 +179,9 @@ def _with_point_bands(
     )
 
 
-def _sight(beam: Beam, spans: Spans, covered: Covered, band: Flags) -> Sight:
+def _cells_in_beam(beam: Beam, spans: Spans, covered: Covered, band: Flags) -> CellsInBeam:
     of_cells = spans.of(covered.owner)
-    return Sight(
+    return CellsInBeam(
         rho_m=covered.rho_m,
         along_m=covered.along_m,
         across_m=covered.across_m,

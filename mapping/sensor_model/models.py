@@ -1,6 +1,6 @@
-"""What a reading says of a cell: the sensor models, behind one small interface.
+"""The evidence of a reading for a cell: the sensor models, behind one small interface.
 
-A model tells where the band of a reading lies, and how likely each cell that the beam covers is
+A model states where the band of a reading lies, and how likely each cell that the beam covers is
 occupied. It never sees a grid, only distances and angles, so every rasteriser can use it. A model
 of your own is a class with a ``name`` and an ``occupied``; see docs/plugins.md.
 """
@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import ClassVar
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 from scipy.special import expit, ndtr
 
-from mapping.config import Sensor
+from mapping.parameters import Configurable, Fraction, NonNegative, Positive, Sensor
 from recorder.errors import BadInput
 
 Floats = NDArray[np.float64]
@@ -53,7 +54,7 @@ def region_of(fraction: Floats, regions: int) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
+class CellsInBeam:
     """The cells (or samples) that one reading covers, as seen from its sensor; all arrays (N,).
 
     ``rho_m`` is the distance from the sensor; ``along_m`` and ``across_m`` the same in the
@@ -72,9 +73,9 @@ class Sight:
     in_band: Flags
     half_width_rad: float
 
-    def of(self, some: NDArray[np.int64]) -> Sight:
+    def of(self, some: NDArray[np.int64]) -> CellsInBeam:
         """The same for some of the cells."""
-        return Sight(
+        return CellsInBeam(
             self.rho_m[some],
             self.along_m[some],
             self.across_m[some],
@@ -111,22 +112,24 @@ class Sight:
         return np.where(ahead, self.rho_m / np.where(ahead, self.band_start_m, 1.0), 1.0)
 
 
-class SensorModel:
-    """Base of all models: the band is the range and its relative error on both sides."""
+class SensorModel(Configurable):
+    """Base of all models: the band is the range and its relative error on both sides.
 
-    name: ClassVar[str] = ""
+    ``Parameters`` are the keys of ``[sensors.NAME]`` that the model goes by, besides what every
+    sensor has; it reads their values from the sensor.
+    """
 
     def band(self, sensor: Sensor) -> tuple[float, float]:
         """How far the band reaches before and behind a range, relative to the range."""
         return sensor.range_error, sensor.range_error
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        """Probability, given this reading alone, that each cell of ``sight`` is occupied, (N,)."""
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        """Probability, given this reading alone, that each of ``beam_cells`` is occupied, (N,)."""
         raise NotImplementedError
 
 
 def emptiness(kind: str, t: Floats) -> Floats:
-    """q in front of the band, -1 (surely empty) .. 0 (nothing said), at t = 0 .. 1 of the way."""
+    """q in front of the band, -1 (surely empty) .. 0 (no evidence), at t = 0 .. 1 of the way."""
     if kind == "constant":
         return np.full_like(t, -1.0)
     if kind == "linear":
@@ -136,22 +139,22 @@ def emptiness(kind: str, t: Floats) -> Floats:
     return np.zeros_like(t)
 
 
-def _angle_factor(sensor: Sensor, sight: Sight) -> tuple[Floats, float]:
+def _angle_factor(sensor: Sensor, beam_cells: CellsInBeam) -> tuple[Floats, float]:
     """Factor a of each cell, and the largest that there is."""
     if sensor.gaussian not in ("both", "angle"):
-        return np.ones_like(sight.rho_m), 1.0
+        return np.ones_like(beam_cells.rho_m), 1.0
     table = regions_table(sensor.regions)
-    return table[region_of(sight.across_fraction, sensor.regions)], float(table.max())
+    return table[region_of(beam_cells.across_fraction, sensor.regions)], float(table.max())
 
 
-def _distance_factor(sensor: Sensor, sight: Sight) -> tuple[Floats, float]:
+def _distance_factor(sensor: Sensor, beam_cells: CellsInBeam) -> tuple[Floats, float]:
     """Factor q of each cell (negative in front of the band), and the largest that there is."""
-    empty = emptiness(sensor.emptiness, sight.way_to_band)
+    empty = emptiness(sensor.emptiness, beam_cells.way_to_band)
     if sensor.gaussian not in ("both", "distance"):
-        return np.where(sight.in_band, 1.0, empty), 1.0
+        return np.where(beam_cells.in_band, 1.0, empty), 1.0
     table = regions_table(sensor.regions)
-    likely = table[region_of(sight.band_fraction, sensor.regions)]
-    return np.where(sight.in_band, likely, empty), float(table.max())
+    likely = table[region_of(beam_cells.band_fraction, sensor.regions)]
+    return np.where(beam_cells.in_band, likely, empty), float(table.max())
 
 
 class Regions(SensorModel):
@@ -159,9 +162,18 @@ class Regions(SensorModel):
 
     name = "regions"
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        a, _ = _angle_factor(sensor, sight)
-        q, _ = _distance_factor(sensor, sight)
+    class Parameters(SensorModel.Parameters):
+        regions: int = Field(12, description="regions over +-3 standard deviations: 6, 12 ...")
+        gaussian: Literal["both", "angle", "distance", "none"] = Field(
+            "both", description="which of the two errors are Gaussian"
+        )
+        emptiness: Literal["none", "constant", "linear", "combined"] = Field(
+            "combined", description="what is said of the cells in front of the band"
+        )
+
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        a, _ = _angle_factor(sensor, beam_cells)
+        q, _ = _distance_factor(sensor, beam_cells)
         return 0.5 + a * q / 2.0
 
 
@@ -170,28 +182,40 @@ class Peak(SensorModel):
 
     name = "peak"
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        a, a_max = _angle_factor(sensor, sight)
-        q, q_max = _distance_factor(sensor, sight)
+    class Parameters(Regions.Parameters):
+        p_hit: Fraction = Field(0.7, description="probability at the likeliest place")
+        p_miss: Fraction = Field(0.4, description="probability close to the sensor")
+
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        a, a_max = _angle_factor(sensor, beam_cells)
+        q, q_max = _distance_factor(sensor, beam_cells)
         a = a / a_max
         hit = 0.5 + (sensor.p_hit - 0.5) * a * q / q_max
         miss = 0.5 + (0.5 - sensor.p_miss) * a * q
-        return np.where(sight.in_band, hit, miss)
+        return np.where(beam_cells.in_band, hit, miss)
 
 
 class Fading(SensorModel):
-    """A wall lies on the arc or behind it, and far readings say less; the same over the beam."""
+    """A wall lies on the arc or behind it, and far readings count less; the same over the beam."""
 
     name = "fading"
+
+    class Parameters(SensorModel.Parameters):
+        hit: NonNegative = Field(description="log-odds of the band, close by")
+        miss: NonNegative = Field(description="log-odds taken in front")
+        near: NonNegative = Field(description="how much surer close to the sensor")
+        before: NonNegative = Field(description="band before the range, relative")
+        behind: NonNegative = Field(description="band behind the range, relative")
+        fade_m: Positive = Field(description="range at which half is believed")
 
     def band(self, sensor: Sensor) -> tuple[float, float]:
         return sensor.before, sensor.behind
 
-    def occupied(self, sensor: Sensor, sight: Sight) -> Floats:
-        hit = sensor.hit / (1.0 + np.square(sight.range_m / sensor.fade_m))
-        closeness = 1.0 + sensor.near * np.exp(-np.square(sight.rho_m / NEAR_M))
-        miss = sensor.miss * closeness / (1.0 + np.square(sight.rho_m / sensor.fade_m))
-        probability: Floats = expit(np.where(sight.in_band, hit, -miss))
+    def occupied(self, sensor: Sensor, beam_cells: CellsInBeam) -> Floats:
+        hit = sensor.hit / (1.0 + np.square(beam_cells.range_m / sensor.fade_m))
+        closeness = 1.0 + sensor.near * np.exp(-np.square(beam_cells.rho_m / NEAR_M))
+        miss = sensor.miss * closeness / (1.0 + np.square(beam_cells.rho_m / sensor.fade_m))
+        probability: Floats = expit(np.where(beam_cells.in_band, hit, -miss))
         return probability
 
 

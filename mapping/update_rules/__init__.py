@@ -10,18 +10,21 @@ from mapping.update_rules.rules import (
     UpdateRule,
     combine_masses,
     log_odds,
+    rule_of,
     share_of_largest,
+    unit_gives_start,
 )
-from mapping.update_rules.state import MapState, at_least_share, start
+from mapping.update_rules.state import MapState, start
 
 __all__ = [
     "CLAMP",
     "UPDATE_RULES",
     "MapState",
     "UpdateRule",
-    "at_least_share",
     "combine_masses",
     "log_odds",
+    "rule_of",
     "share_of_largest",
     "start",
+    "unit_gives_start",
 ]

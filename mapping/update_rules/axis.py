@@ -32,7 +32,7 @@ def axis_cells(temp: TempGrid) -> tuple[Flags, Flags]:
         if seen:
             if inside[-1]:
                 hit[row[-1], col[-1]] = True
-        elif not temp.front[row[inside], col[inside]].any():
+        elif not temp.free[row[inside], col[inside]].any():
             continue
         passed[row[inside], col[inside]] = True
     return passed & ~hit, hit

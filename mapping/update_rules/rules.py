@@ -1,19 +1,23 @@
 """How a temp grid changes the map: the update rules, behind one small interface.
 
 A rule names the arrays that it keeps for each cell, changes a rectangle of them for one reading,
-and says what they mean: a value in the rule's own unit, and a probability. A rule of your own is a
-class with these methods; see docs/plugins.md.
+and states what they mean: a value in the rule's own unit, and a probability. All that anyone has to
+know of a rule stands on its class: who draws, exports or compares looks it up here, by the names
+that a file holds (:func:`rule_of`). A rule of your own is such a class; see docs/plugins.md.
 """
 
 from __future__ import annotations
 
-from typing import ClassVar
+import copy
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit
 
 from mapping.artifacts import TempGrid
+from mapping.parameters import Configurable, ParameterSection
 from mapping.update_rules.axis import axis_cells
 
 Floats = NDArray[np.float64]
@@ -25,10 +29,12 @@ UNKNOWN_FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown, for the sa
 HIMM_HIT, HIMM_MISS, HIMM_MOST = 3.0, 1.0, 15.0
 
 
-class UpdateRule:
-    """Base of all rules. ``kind`` is the unit of its values; ``start`` what a cell begins with."""
+class UpdateRule(Configurable):
+    """Base of all rules. ``kind`` is the unit of its values; ``start`` what a cell begins with.
 
-    name: ClassVar[str] = ""
+    ``Parameters`` are the keys of its own in ``[sensors.NAME]``; ``parameters`` holds their values.
+    """
+
     kind: ClassVar[str] = "probability"
     start: ClassVar[dict[str, float]] = {}
     """The arrays that the rule keeps, by name, and what each cell begins with."""
@@ -38,6 +44,24 @@ class UpdateRule:
     """True where ``probability`` needs the largest value of the map (it is 0 otherwise)."""
     per_sample: ClassVar[bool] = True
     """False where a reading counts once, however often its samples hit a cell."""
+    along_axis: ClassVar[bool] = False
+    """True where a beam counts as a thin line: cells beside its axis stay as they are."""
+
+    _configured: ParameterSection | None = None
+
+    @property
+    def parameters(self) -> Any:
+        """The values of the rule's own keys, as its ``Parameters`` holds them."""
+        return self.Parameters() if self._configured is None else self._configured
+
+    def with_parameters(self, values: Mapping[str, Any]) -> UpdateRule:
+        """The rule with its own keys among ``values``; itself where it has no keys."""
+        own = self.Parameters.own_of(values)
+        if not own:
+            return self
+        configured = copy.copy(self)
+        configured._configured = self.Parameters.model_validate(own)
+        return configured
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         """Change ``cells``, the arrays over ``temp.window``, in place for one reading."""
@@ -49,11 +73,54 @@ class UpdateRule:
 
     def probability(self, cells: Cells, largest: float) -> Floats:
         """The same as a probability; ``largest`` is the largest value in the whole map."""
-        return self.values(cells)
+        return self.probability_of_values(self.values(cells), largest, self.extra(cells))
 
     def extra(self, cells: Cells) -> dict[str, Floats]:
         """Further arrays to show, by name."""
         return {}
+
+    def probability_of_values(
+        self, values: Floats, largest: float, extra: Mapping[str, Floats]
+    ) -> Floats:
+        """A probability from what files hold: the values, and the arrays of ``extra``."""
+        return share_of_largest(values, largest) if self.against_largest else values
+
+    def untouched(self, values: Floats, extra: Mapping[str, Floats], start: float) -> Flags:
+        """Cells that hold what they began with (or no number): as good as never seen."""
+        same: Flags = (values == start) | np.isnan(values)
+        return same
+
+    @property
+    def start_value(self) -> float:
+        """What a cell without readings holds, as a file has it: in single precision."""
+        return float(np.float32(self.values(self._one_cell)[0]))
+
+    @property
+    def start_probability(self) -> float:
+        """The probability of a cell without readings."""
+        return float(self.probability(self._one_cell, 0.0)[0])
+
+    @property
+    def never_free(self) -> bool:
+        """Whether a cell cannot become more free than it began: nothing lies below 0."""
+        return self.start_probability <= 0.0
+
+    @property
+    def multiplies_odds(self) -> bool:
+        """Whether the log of exact values may predict a reading's outcome: odds times p / (1 - p).
+
+        It checks each prediction, so a rule that does otherwise costs only the try.
+        """
+        return self.kind in ("probability", "odds")
+
+    @property
+    def shown_as_odds(self) -> bool:
+        """Whether the values themselves are what a picture of odds holds against the largest."""
+        return self.against_largest
+
+    @property
+    def _one_cell(self) -> Cells:
+        return {name: np.full(1, value) for name, value in self.start.items()}
 
 
 def share_of_largest(values: Floats, largest: float) -> Floats:
@@ -96,9 +163,6 @@ class Count(UpdateRule):
     def values(self, cells: Cells) -> Floats:
         return cells["count"]
 
-    def probability(self, cells: Cells, largest: float) -> Floats:
-        return share_of_largest(self.values(cells), largest)
-
 
 class Sum(UpdateRule):
     """The likelihoods added up: 2p - 1 of each reading, which the chapter's model makes a q."""
@@ -111,9 +175,6 @@ class Sum(UpdateRule):
 
     def values(self, cells: Cells) -> Floats:
         return cells["sum"]
-
-    def probability(self, cells: Cells, largest: float) -> Floats:
-        return share_of_largest(self.values(cells), largest)
 
 
 class Bayes(UpdateRule):
@@ -135,6 +196,7 @@ class Odds(Bayes):
     """r / (1 - r) times the odds: Bayes in another unit, with less to calculate."""
 
     name, kind = "odds", "odds"
+    shown_as_odds = True
 
     def values(self, cells: Cells) -> Floats:
         return np.exp(cells["log_odds"])
@@ -143,9 +205,15 @@ class Odds(Bayes):
         probability: Floats = expit(cells["log_odds"])  # odds / (1 + odds)
         return probability
 
+    def probability_of_values(
+        self, values: Floats, largest: float, extra: Mapping[str, Floats]
+    ) -> Floats:
+        with np.errstate(invalid="ignore"):
+            return np.where(np.isinf(values), 1.0, values / (1.0 + values))
+
 
 class DempsterShafer(UpdateRule):
-    """Masses for occupied, empty and unknown; ``conflict`` tells where readings contradicted.
+    """Masses for occupied, empty and unknown; ``conflict`` is where readings contradicted.
 
     A temp grid's p means the masses max(0, 2p - 1), max(0, 1 - 2p) and the rest. The conflict is
     1 - product of (1 - K) over the readings: after one contradiction it is K itself, and in any
@@ -159,8 +227,10 @@ class DempsterShafer(UpdateRule):
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         touched = temp.probability != 0.5
-        said = 2.0 * temp.probability[touched] - 1.0
-        reading = floored(np.maximum(said, 0.0), np.maximum(-said, 0.0), 1.0 - np.abs(said))
+        evidence = 2.0 * temp.probability[touched] - 1.0
+        reading = floored(
+            np.maximum(evidence, 0.0), np.maximum(-evidence, 0.0), 1.0 - np.abs(evidence)
+        )
         o, e, u = (cells[name][touched] for name in ("occupied", "empty", "unknown"))
         occupied, empty, unknown, conflict = combine_masses((o, e, u), reading)
         o, e, u = floored(occupied, empty, unknown)
@@ -170,11 +240,22 @@ class DempsterShafer(UpdateRule):
     def values(self, cells: Cells) -> Floats:
         return cells["occupied"]
 
-    def probability(self, cells: Cells, largest: float) -> Floats:
-        return cells["occupied"] + cells["unknown"] / 2.0  # the pignistic probability
-
     def extra(self, cells: Cells) -> dict[str, Floats]:
         return dict(cells)
+
+    def probability_of_values(
+        self, values: Floats, largest: float, extra: Mapping[str, Floats]
+    ) -> Floats:
+        """The pignistic probability; the occupied part alone where a file lacks the masses."""
+        if not {"occupied", "unknown"} <= extra.keys():
+            return values
+        return extra["occupied"] + extra["unknown"] / 2.0
+
+    def untouched(self, values: Floats, extra: Mapping[str, Floats], start: float) -> Flags:
+        if "unknown" not in extra:
+            return super().untouched(values, extra, start)
+        untouched: Flags = (extra["unknown"] == 1.0) | ~np.isfinite(values)
+        return untouched
 
 
 Masses = tuple[Floats, Floats, Floats]
@@ -207,6 +288,8 @@ class Himm(UpdateRule):
     name, kind, start = "himm", "certainty", {"certainty": 0.0}
     order_matters = True
     per_sample = False
+    along_axis = True
+    shown_as_odds = True
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         passed, hit = axis_cells(temp)
@@ -217,11 +300,59 @@ class Himm(UpdateRule):
     def values(self, cells: Cells) -> Floats:
         return cells["certainty"]
 
-    def probability(self, cells: Cells, largest: float) -> Floats:
-        return cells["certainty"] / HIMM_MOST
+    def probability_of_values(
+        self, values: Floats, largest: float, extra: Mapping[str, Floats]
+    ) -> Floats:
+        return values / HIMM_MOST
 
 
-UPDATE_RULES: dict[str, UpdateRule] = {
-    rule.name: rule
-    for rule in (Binary(), Count(), Sum(), Bayes(), Odds(), DempsterShafer(), Himm())
-}
+class _Unknown(UpdateRule):
+    """Stands for the rule of a file that is not known here: its values are taken as they are."""
+
+    start: ClassVar[dict[str, float]] = {"value": 0.0}
+
+    def values(self, cells: Cells) -> Floats:
+        return cells["value"]
+
+
+BUILT_IN_RULES: tuple[UpdateRule, ...] = (
+    Binary(), Count(), Sum(), Bayes(), Odds(), DempsterShafer(), Himm()
+)  # fmt: skip
+UPDATE_RULES: dict[str, UpdateRule] = {rule.name: rule for rule in BUILT_IN_RULES}
+_UNKNOWN = _Unknown()
+
+
+def rule_of(kind: str, name: str = "") -> UpdateRule:
+    """The rule that a file names by the unit of its values and, where it holds it, by its name.
+
+    Of several rules with one unit (a fused map has no rule of its own) the first stands for all.
+    """
+    named = UPDATE_RULES.get(name)
+    if named is not None and named.kind == kind:
+        return named
+    return _first_of(kind, UPDATE_RULES.values())
+
+
+def unit_gives_start(kind: str, start: float) -> bool:
+    """Whether who knows only the built-in rules knows from the unit what a cell began with.
+
+    If not, a file of the map holds it, as the number ``start``.
+    """
+    return start == _first_of(kind, BUILT_IN_RULES).start_value
+
+
+def unit_gives_probability(rule: UpdateRule) -> bool:
+    """Whether who knows only the built-in rules gets the rule's probabilities from a file.
+
+    If not (a plugin with a unit of its own), its maps carry them, as the array ``probability``.
+    """
+    known, own = _first_of(rule.kind, BUILT_IN_RULES), type(rule)
+    return (
+        own.probability in (UpdateRule.probability, type(known).probability)
+        and own.probability_of_values is type(known).probability_of_values
+        and rule.against_largest == known.against_largest
+    )
+
+
+def _first_of(kind: str, rules: Iterable[UpdateRule]) -> UpdateRule:
+    return next((rule for rule in rules if rule.kind == kind), _UNKNOWN)

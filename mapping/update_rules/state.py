@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import MergedGrid, TempGrid
 from mapping.grid import GridGeometry, Layer, Window, read_only
 from mapping.names import choose
-from mapping.update_rules.rules import UPDATE_RULES, Cells, Floats, UpdateRule
+from mapping.update_rules.rules import (
+    UPDATE_RULES,
+    Cells,
+    Floats,
+    UpdateRule,
+    unit_gives_probability,
+)
 
 
 class MapState:
@@ -22,7 +31,11 @@ class MapState:
         self.rule = rule
         self.geometry = geometry
         self.largest = 0.0
-        self._values_are_probabilities = type(rule).probability is UpdateRule.probability
+        self._values_are_probabilities = (
+            type(rule).probability is UpdateRule.probability
+            and type(rule).probability_of_values is UpdateRule.probability_of_values
+            and not rule.against_largest
+        )
         self.cells: Cells = {
             name: np.full(geometry.shape, value) for name, value in rule.start.items()
         }
@@ -36,7 +49,7 @@ class MapState:
         """
         here = temp.window.slices
         previous = self._probability[here].copy()
-        parts = temp.passes if self.rule.per_sample and temp.passes else (temp,)
+        parts = temp.sub_grids if self.rule.per_sample and temp.sub_grids else (temp,)
         before = self._largest_in(temp.window)
         for part in parts:
             self.rule.merge(self._cut(part.window), part)
@@ -63,6 +76,8 @@ class MapState:
         values = self.rule.values(self.cells)
         probability = self.rule.probability(self.cells, self.largest)
         extra = {key: _exported(array) for key, array in self.rule.extra(self.cells).items()}
+        if not unit_gives_probability(self.rule):
+            extra["probability"] = _exported(probability)
         observed = self._observed.copy()
         read_only(observed)
         return Layer(
@@ -95,13 +110,12 @@ def _exported(array: Floats) -> NDArray[np.float32]:
     return copy
 
 
-def start(rule: str, geometry: GridGeometry) -> MapState:
-    """An empty map for an update rule; BadInput where there is no rule of that name."""
-    return MapState(choose(UPDATE_RULES, rule, "update rule"), geometry)
+def start(
+    rule: str, geometry: GridGeometry, parameters: Mapping[str, Any] | None = None
+) -> MapState:
+    """An empty map for an update rule; BadInput where there is no rule of that name.
 
-
-def at_least_share(values: NDArray[np.float32], share: float) -> NDArray[np.bool_]:
-    """Cells that reach a share of the largest value: what the chapter keeps at 25, 50 and 75 %."""
-    largest = float(values.max(initial=0.0))
-    reached: NDArray[np.bool_] = (values > 0) & (values >= share * largest)
-    return reached
+    The rule finds the values of its own keys among ``parameters``.
+    """
+    known = choose(UPDATE_RULES, rule, "update rule")
+    return MapState(known.with_parameters(parameters or {}), geometry)

@@ -15,7 +15,7 @@ from recorder.cli.progress import progress_bar
 @click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.FILE)
 @options.quiet
 def info(files: tuple[Path, ...], quiet: bool) -> int:
-    """Say what is in a session, and what is wrong with it.
+    """Show what is in a session, and what is wrong with it.
 
     That is rates, gaps, odd channels and losses.
 

@@ -10,7 +10,7 @@ import click
 
 
 class Number(click.FloatRange):
-    """A finite number within bounds, called so in the help and in what is said of "abc"."""
+    """A finite number within bounds, called so in the help and in the error for "abc"."""
 
     name = "number"
 
@@ -30,4 +30,4 @@ output_session = click.option(
     "-o", "--output", type=FILE, required=True, help="The session to write."
 )
 force = click.option("--force", is_flag=True, help="Replace the output where it exists.")
-quiet = click.option("--quiet", is_flag=True, help="Say nothing but errors.")
+quiet = click.option("--quiet", is_flag=True, help="Print nothing but errors.")

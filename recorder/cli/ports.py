@@ -34,7 +34,7 @@ def ports(
     also: tuple[str, ...], only: bool, bauds: tuple[int, ...], seconds: float,
     probe_write: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """List the serial devices and say which one talks, and in what.
+    """List the serial devices, which one talks, and in what.
 
     All are listened to at once, and nothing is written to them. Opening a port restarts most
     Arduinos. With --quiet only those that talk are listed.
@@ -50,8 +50,8 @@ def ports(
         if quiet and not report.protocol:
             continue
         more = (report.detail if report.protocol else "", known.get(report.device, ""))
-        words = "".join(f"  ({each})" for each in more if each)
-        click.echo(f"{report.device:{width}}  {report.verdict}{words}")
+        details = "".join(f"  ({each})" for each in more if each)
+        click.echo(f"{report.device:{width}}  {report.verdict}{details}")
     if not devices and not quiet:
         click.echo("no serial device: is one plugged in?")
     return 0

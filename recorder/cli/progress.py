@@ -1,4 +1,4 @@
-"""A bar on standard error, for work that takes its time."""
+"""What commands write to standard error: warnings, and a bar for work that takes its time."""
 
 from __future__ import annotations
 
@@ -6,11 +6,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
+import click
+
 
 class Advance(Protocol):
-    """Told now and then how much is done, and of how much, once that is known."""
+    """Called now and then with how much is done, and of how much, once that is known."""
 
     def __call__(self, done: float, total: float | None = None) -> None: ...
+
+
+def warn(text: str) -> None:
+    """A line on standard error, after the name of the program."""
+    click.echo(f"echogrid: {text}", err=True)
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from recorder.cli import options
-from recorder.cli.recording import line_options, prepared, tell_counters
+from recorder.cli.recording import line_options, prepared, report_counters
 
 
 @click.command(
@@ -26,7 +26,7 @@ def record(source: str, output: Path, force: bool, quiet: bool, **choices: Any) 
     replay:SESSION (one that was recorded). On a terminal, space or p pauses and goes on and q ends;
     elsewhere the signals SIGUSR1 and SIGINT do.
     """
-    from recorder.recording_run import record_line
+    from recorder.recording.run import record_line
 
     with prepared(source, output, choices, force=force, quiet=quiet) as ready:
         counters = record_line(
@@ -34,4 +34,4 @@ def record(source: str, output: Path, force: bool, quiet: bool, **choices: Any) 
             pause=ready.controls.pause, on_status=ready.on_status,
             status_period_s=ready.status_period_s,
         )  # fmt: skip
-    return tell_counters(counters, output, quiet=quiet, source_damage=ready.options.source_damage)
+    return report_counters(counters, output, quiet=quiet, source_damage=ready.options.source_damage)

@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from recorder.cli import options
+from recorder.cli.progress import warn
 
 if TYPE_CHECKING:
-    from recorder.controls import Controls
     from recorder.recording import RecordingStatus
-    from recorder.recording_options import RecordingOptions
+    from recorder.recording.controls import Controls
+    from recorder.recording.options import RecordingOptions
     from recorder.translation import RecordingCounters
 
 _LONGEST_S = 1e9  # 30 years
@@ -26,7 +27,7 @@ _OPTIONS = (
         "--protocol",
         default="echogrid",
         show_default=True,
-        help="What the robot speaks: echogrid, rbc, csv, or your own PROTOCOL.py.",
+        help="The protocol of the robot: echogrid, rbc, csv, or your own PROTOCOL.py.",
     ),
     click.option("--columns", help="For csv, what the columns are, as in t_ms,ping:cm,dirrs:mm,-"),
     click.option(
@@ -35,8 +36,9 @@ _OPTIONS = (
     click.option("--tracker", help="Poses as JSON lines: tcp://HOST:PORT or udp://HOST:PORT."),
     click.option(
         "--tracker-px-per-m",
+        "px_per_m",
         type=options.Number(min=0, min_open=True),
-        help="Pixels a metre, of a tracker that speaks pixels; default: it speaks metres.",
+        help="Pixels a metre, of a tracker that sends pixels; default: it sends metres.",
     ),
     click.option(
         "--wheels",
@@ -56,11 +58,13 @@ _OPTIONS = (
         "sensors",
         multiple=True,
         metavar="NAME=KIND",
-        help="What NAME is: ping, dirrs, or the full width of its beam and its least and greatest "
-        "range, BEAM_DEG,MIN_M,MAX_M, with ,ir behind when it is infrared.",
+        help="What NAME is: a kind (ping, hcsr04, tfmini ...; docs/sensors.md has them all), or "
+        "the full width of its beam and its least and greatest range, BEAM_DEG,MIN_M,MAX_M, "
+        "with ,ir behind when it is infrared.",
     ),
     click.option(
         "--duration",
+        "duration_s",
         type=options.Number(min=0, max=_LONGEST_S),
         help="Seconds to record; default: until q or Ctrl-C.",
     ),
@@ -93,7 +97,7 @@ _OPTIONS = (
 
 
 def line_options(command: Callable[..., int]) -> Callable[..., int]:
-    """The options that say how a line is recorded; they reach the command as keywords."""
+    """The options of how a line is recorded; they reach the command as keywords."""
     for option in reversed(_OPTIONS):
         command = option(command)
     return command
@@ -118,9 +122,9 @@ def prepared(
 
     Raises OutputExists, and BadInput for options that make no sense.
     """
-    from recorder.controls import Controls, keys, signals
     from recorder.outputs import check_output
-    from recorder.recording_run import opened_source, recorded_input
+    from recorder.recording.controls import Controls, keys, signals
+    from recorder.recording.run import opened_source, recorded_input
 
     check_output(output, recorded_input(source), force=force)
     options = _options_of(choices, force=force)
@@ -135,32 +139,32 @@ def prepared(
             typed = stack.enter_context(keys(controls, sys.stdin.fileno()))
         on_status, period_s = None, 1.0
         if not quiet:
-            from recorder.screen import open_screen
+            from recorder.recording.screen import open_screen
 
             on_status, period_s = open_screen(stack, output, keys=typed)
         yield Prepared(source, options, controls, on_status, period_s)
 
 
-def tell_counters(
+def report_counters(
     counters: RecordingCounters, output: Path, *, quiet: bool, source_damage: Sequence[str] = ()
 ) -> int:
-    """Say what came of a recording, and what its source had lost before; the exit code."""
-    from recorder.status_text import lost_anything, nothing_understood
+    """Print what came of a recording, and what its source had lost before; the exit code."""
+    from recorder.recording.status import lost_anything, nothing_understood
 
     if not quiet:
         paused = f", {counters.paused_messages} left out in pauses" if counters.pauses else ""
         click.echo(f"{output}: {counters.written} messages, {counters.poses} poses{paused}")
     if counters.failure:
-        click.echo(f"echogrid: {counters.failure}", err=True)
+        warn(counters.failure)
     elif nothing_understood(counters):
-        click.echo("echogrid: nothing of what came was understood: another --protocol?", err=True)
+        warn("nothing of what came was understood: another --protocol?")
     for reason in source_damage:
-        click.echo(f"echogrid: {reason}", err=True)
+        warn(reason)
     return 1 if source_damage or lost_anything(counters) else 0
 
 
 def _options_of(choices: dict[str, Any], *, force: bool) -> RecordingOptions:
-    from recorder.recording_options import (
+    from recorder.recording.options import (
         RecordingOptions,
         parse_mount,
         parse_sensor,
@@ -168,20 +172,12 @@ def _options_of(choices: dict[str, Any], *, force: bool) -> RecordingOptions:
     )
     from recorder.session import Limits
 
+    as_they_are = ("protocol", "columns", "baud", "tracker", "px_per_m", "duration_s")
     return RecordingOptions(
-        protocol=choices["protocol"],
-        columns=choices["columns"],
-        baud=choices["baud"],
-        tracker=choices["tracker"],
-        px_per_m=choices["tracker_px_per_m"],
-        duration_s=choices["duration"],
+        **{name: choices[name] for name in as_they_are},
         force=force,
         wheels=None if choices["wheels"] is None else parse_wheels(choices["wheels"]),
         mounts=tuple(parse_mount(mount) for mount in choices["mounts"]),
         sensors=dict(parse_sensor(sensor) for sensor in choices["sensors"]),
-        limits=Limits(
-            split_mb=choices["split_mb"],
-            split_s=choices["split_s"],
-            min_free_mb=choices["min_free_mb"],
-        ),
+        limits=Limits(choices["split_mb"], choices["split_s"], choices["min_free_mb"]),
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from recorder.cli import options
-from recorder.cli.progress import progress_bar
+from recorder.cli.progress import progress_bar, warn
 
 
 @click.command(epilog="Example:  echogrid recover bad.mcap -o good.mcap")
@@ -20,19 +20,19 @@ def recover(bad: Path, output: Path, force: bool, quiet: bool) -> int:
 
     BAD is damaged or unfinished; what is sound in it is written to a new session.
 
-    Exit code 0: nothing was lost; 1: something was, and is said; 2: nothing can be used.
+    Exit code 0: nothing was lost; 1: something was, and is listed; 2: nothing can be used.
     """
-    from recorder.session_recover import recover as run
+    from recorder.session.recover import recover as run
     from recorder.summary import counted
 
     with progress_bar(f"recovering {bad.name}", quiet=quiet) as advance:
         recovery = run(bad, output, force=force, progress=advance)
     for reason in recovery.lost:
-        click.echo(f"echogrid: lost: {reason}", err=True)
+        warn(f"lost: {reason}")
     if not quiet:
-        said = "some was lost" if recovery.lost else "nothing was lost"
+        loss = "some was lost" if recovery.lost else "nothing was lost"
         files = ""
         if recovery.attachments:
             files = f", {counted(recovery.attachments, 'attachment')}"
-        click.echo(f"{output}: {counted(recovery.messages, 'message')}{files}; {said}")
+        click.echo(f"{output}: {counted(recovery.messages, 'message')}{files}; {loss}")
     return 1 if recovery.lost else 0

@@ -37,7 +37,7 @@ from recorder.cli import options
     "--sensors",
     default="ping,dirrs",
     show_default=True,
-    help="Of ping (sonar), dirrs (infrared) and lidar, with commas between.",
+    help="Kinds, or names that hold them (tfmini_left), with commas between: docs/sensors.md.",
 )
 @click.option(
     "--route",
@@ -61,10 +61,10 @@ def simulate(
 
     ROOM is a room's name (docs/simulator.md shows them) or a GeoJSON file.
     """
-    from recorder.session import WALLS, SessionWriter
+    from recorder.session import SessionWriter
     from recorder.simulator.robot import simulate as run
-    from recorder.simulator.room_files import room_to_geojson
     from recorder.simulator.rooms import load_room, parse_route
+    from recorder.truth import WALLS, WALLS_TYPE, walls_to_geojson
 
     place = load_room(room)
     path = None if route == "default" else parse_route(route, place)
@@ -76,7 +76,7 @@ def simulate(
     metadata = {"simulated": place.name, "seed": seed, "noise": noise, "duration_s": duration}
     count = 0
     with SessionWriter(output, metadata=metadata, force=force) as session:
-        session.attach(WALLS, "application/geo+json", room_to_geojson(place))
+        session.attach(WALLS, WALLS_TYPE, walls_to_geojson(place.walls_m, place.name))
         for log_ns, message in messages:
             session.write(message, log_ns=log_ns)
             count += 1

@@ -17,18 +17,16 @@ from pathlib import Path
 
 from recorder.errors import BadInput
 from recorder.geometry import SE2, wrap_angle
-from recorder.messages import BASE_FRAME, Message, Pose, Radiation, Range, Transform
-from recorder.sensors import BUILT_IN_SENSORS, UNKNOWN_SENSOR
+from recorder.importers.imported import Imported
+from recorder.messages import BASE_FRAME, Message, Pose, Range, Transform
+from recorder.sensors import UNKNOWN_KIND, SensorKind, guess_kind
 
 FORMAT = "comp4807"
 PIXELS_PER_METRE = 300.0
-INVALID_CM = 111.0  # what the robot itself says for "no valid reading"
-INFRARED_LIMIT_CM = 80.0
+INVALID_M = UNKNOWN_KIND.invalid_m  # the robot's own, whatever the sensor
 FARTHEST_M = 1e6
 NO_TAG = (-1.0, -1.0, -1.0)
 KNOWN_NAMES = {"dirrs+": "dirrs", "sonar": "ping"}
-# The header gives whole centimetres; these were measured, and are used where the two agree.
-MEASURED_X_M = {"ping": 0.044, "dirrs": -0.0312}
 LOWEST_RATE_HZ, HIGHEST_RATE_HZ = 0.01, 1e6
 LATEST_START_S = 4e9  # keeps nanoseconds well inside 63 bits
 
@@ -37,34 +35,19 @@ _LINE_END = re.compile(r"\r\n|\n|\r")
 
 
 @dataclass(frozen=True, slots=True)
-class Imported:
-    """A log as messages: (log_ns, message) in time order, what is known of it, what was dropped."""
-
-    records: list[tuple[int, Message]]
-    metadata: dict[str, str]
-    dropped: dict[str, int]
-
-
-@dataclass(frozen=True, slots=True)
 class TraceSensor:
     """One sensor as the header describes it, under the name that it gets in the session."""
 
     name: str
-    kind: str
+    kind: SensorKind
     mount: SE2
     error_fraction: float
     beam_width_rad: float
 
     def reading(self, t_ns: int, range_m: float) -> Range:
         """A reading of this sensor, with the limits of its kind."""
-        limits = BUILT_IN_SENSORS.get(self.kind, UNKNOWN_SENSOR)
+        limits = self.kind.parameters
         return replace(limits, beam_width_rad=self.beam_width_rad).reading(t_ns, self.name, range_m)
-
-    @property
-    def infrared(self) -> bool:
-        """Whether readings above the infrared limit are glitches."""
-        known = BUILT_IN_SENSORS.get(self.kind)
-        return known is not None and known.radiation is Radiation.INFRARED
 
 
 @dataclass(slots=True)
@@ -131,10 +114,10 @@ class _Trace:
             reason = "reading not finite"
         elif abs(range_cm) > FARTHEST_M * 100.0:
             reason = "reading out of bounds"
-        elif range_cm == INVALID_CM:
-            reason = "invalid 111"
-        elif sensor.infrared and range_cm > INFRARED_LIMIT_CM:
-            reason = "infrared above 80 cm"
+        elif range_cm / 100.0 in INVALID_M:
+            reason = f"invalid {range_cm:g}"
+        else:
+            reason = sensor.kind.misread(range_cm / 100.0)
         if range_cm is None or reason:
             self.dropped[reason] += 1
             return None
@@ -216,14 +199,14 @@ def _read_sensor(path: Path, token: str, taken: set[str]) -> TraceSensor:
     bearing_deg, x_cm, y_cm, error_fraction, half_beam_deg = values
     if not 0.0 < half_beam_deg <= 180.0 or error_fraction < 0.0:
         raise BadInput(f"{path}: sensor {token!r} has no usable error fraction or half beam")
-    kind = _session_name(label)
-    x_m = x_cm / 100.0
-    measured_x_m = MEASURED_X_M.get(kind)
-    if measured_x_m is not None and round(measured_x_m * 100.0) == x_cm:
-        x_m = measured_x_m
-    name, number = kind, 2
+    first = name = _session_name(label)
+    kind = guess_kind(name) or UNKNOWN_KIND
+    # The header gives whole centimetres; the kind's own mount was measured: used where both agree.
+    agrees = kind.name == first and round(kind.mount.x_m * 100.0) == x_cm
+    x_m = kind.mount.x_m if agrees else x_cm / 100.0
+    number = 2
     while name in taken:
-        name, number = f"{kind}_{number}", number + 1
+        name, number = f"{first}_{number}", number + 1
     mount = SE2(x_m, y_cm / 100.0, wrap_angle(math.radians(bearing_deg)))
     return TraceSensor(name, kind, mount, error_fraction, math.radians(2.0 * half_beam_deg))
 

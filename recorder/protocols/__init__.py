@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from recorder.errors import BadInput
-from recorder.names import nearest
+from recorder.names import did_you_mean
 from recorder.plugin_files import one_line, run_file
 from recorder.protocols.csv import CsvProtocol, parse_columns
 from recorder.protocols.echogrid import EchogridProtocol
@@ -37,9 +37,7 @@ def make_protocol(name: str, columns: str | None = None) -> Protocol:
     if name.endswith(".py"):
         return _made(load_protocol(Path(name)), name)
     if name not in PROTOCOLS:
-        near = nearest(name, PROTOCOLS)
-        hint = f"there are {', '.join(PROTOCOLS)}" if near is None else f"did you mean {near}?"
-        raise BadInput(f"unknown protocol {name!r}; {hint}")
+        raise BadInput(f"unknown protocol {name!r}; {did_you_mean(name, PROTOCOLS)}")
     if name == CsvProtocol.name:
         if columns is None:
             raise BadInput("csv needs its columns named: --columns t_ms,ping:cm,dirrs:mm")

@@ -52,7 +52,7 @@ _TEXT = re.compile(r"[^$*\x00-\x1f\x7f-\U0010ffff]*")
 
 
 class _Malformed(ValueError):
-    """A sound line whose values are not what its kind says."""
+    """A sound line whose values are not those of its kind."""
 
 
 class EchogridProtocol(Protocol):
@@ -84,10 +84,10 @@ class EchogridProtocol(Protocol):
 
 
 def encode(report: Report, seq: int, device_ms: int) -> bytes:
-    """The line, CR LF included, that says ``report``.
+    """The line, CR LF included, that carries ``report``.
 
     ``seq`` is 0..65535 and ``device_ms`` 0..2**32 - 1. Ranges are rounded to millimetres, angles to
-    hundredths of a degree. Raises BadInput on what no line can say.
+    hundredths of a degree. Raises BadInput on what no line can carry.
     """
     if not 0 <= seq < SEQ_RANGE or not 0 <= device_ms < DEVICE_MS_RANGE:
         raise BadInput(f"seq {seq} or device time {device_ms} ms is out of range")
@@ -153,7 +153,7 @@ def _layout_of(report: Report) -> tuple[str, Layout]:
     for kind, layout in KINDS.items():
         if isinstance(report, layout.report):
             return kind, layout
-    raise BadInput(f"no kind of line says {report}")
+    raise BadInput(f"no kind of line carries {report}")
 
 
 def _integer(text: str, lowest: int = -_INT32_MAX - 1, highest: int = _INT32_MAX) -> int:

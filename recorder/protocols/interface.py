@@ -1,7 +1,7 @@
 """The one small interface behind which every protocol stands, and a base for those made of lines.
 
 A protocol is pure and incremental: bytes go in as they arrive, in pieces of any size, packets come
-out; it knows no port and no clock. What it wants to say to the device it hands back as bytes.
+out; it knows no port and no clock. What it wants to send to the device it hands back as bytes.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ class Protocol(abc.ABC):
 
     name: ClassVar[str]
     default_baud: ClassVar[int] = 115200
-    checked: ClassVar[bool] = True  # whether a damaged number is told from a good one
+    checked: ClassVar[bool] = True  # whether a damaged number is noticed
 
     @abc.abstractmethod
     def feed(self, data: bytes) -> list[Packet]:
@@ -30,7 +30,7 @@ class Protocol(abc.ABC):
         """The link went away: what is unfinished, as a fault; feeding may begin afresh."""
 
     def greeting(self) -> bytes:
-        """What the device must be told now, if anything.
+        """What the device must be sent now, if anything.
 
         Asked when the link opens, and once a second from then on.
         """
@@ -41,22 +41,28 @@ class LineProtocol(Protocol):
     """A protocol of lines of ASCII text: :meth:`read` is all that is left to write.
 
     The first line after the link opened may lack its beginning and is not trusted. A line without
-    a checksum passes when a digit of it was damaged: ``checked`` says so.
+    a checksum passes when a digit of it was damaged: so ``checked`` is False.
     """
 
     checked: ClassVar[bool] = False
     max_line_bytes: ClassVar[int] = 256
+    carriage_return_ends_lines: ClassVar[bool] = False
+    """True where a CR alone ends a line, too."""
 
     def __init__(self) -> None:
         longest = self.max_line_bytes
-        self._stretch = re.compile(rb"[^\n]{0,%d}\n|[^\n]{%d}" % (longest - 1, longest))
+        lines = rb"[^\n]{0,%d}\n|[^\n]{%d}"
+        if self.carriage_return_ends_lines:  # one that ends the data so far may belong to CR LF
+            lines = rb"[^\r\n]{0,%d}(?:\r*\n|\r(?=[^\r\n]))|[^\r\n]{%d}"
+        self._stretch = re.compile(lines % (longest - 1, longest))
+        self._ends = (b"\n", b"\r") if self.carriage_return_ends_lines else (b"\n",)
         self._pending = b""
         self._in_step = False  # whether the next byte begins a line
 
     def read(self, line: str) -> Report | Sequence[Report] | None:
-        """What a line says, without its end; None for a line of an unknown kind.
+        """The reports in a line without its end; None for a line of an unknown kind.
 
-        A ValueError, LookupError, TypeError or ArithmeticError says that it is malformed.
+        A ValueError, LookupError, TypeError or ArithmeticError means that it is malformed.
         """
         raise NotImplementedError
 
@@ -65,10 +71,10 @@ class LineProtocol(Protocol):
 
         May raise as :meth:`read` does.
         """
-        said = self.read(raw.decode("ascii").strip())
-        if said is None or said == ():
+        found = self.read(raw.decode("ascii").strip())
+        if found is None or found == ():
             return Packet(raw, fault=Fault.UNKNOWN_KIND)
-        first, *more = said if isinstance(said, Sequence) else (said,)
+        first, *more = found if isinstance(found, Sequence) else (found,)
         return Packet(raw, first, more=tuple(more))
 
     def feed(self, data: bytes) -> list[Packet]:
@@ -90,7 +96,7 @@ class LineProtocol(Protocol):
         return [Packet(raw, fault=fault)] if raw else []
 
     def _take(self, raw: bytes) -> Packet:
-        was_in_step, self._in_step = self._in_step, raw.endswith(b"\n")
+        was_in_step, self._in_step = self._in_step, raw.endswith(self._ends)
         if not was_in_step:
             return Packet(raw, fault=Fault.NOISE)
         if not self._in_step:

@@ -13,13 +13,13 @@ from typing import ClassVar
 
 from recorder.protocols.interface import Protocol
 from recorder.protocols.reports import Fault, HelloReport, LogReport, Packet, RangeReport
+from recorder.sensors import CATALOGUE
 
 START = 0x02
 HELLO, ANSWER, GO = b"\x0a", b"\x08", b"\x0b"
 SENSOR_PACKET = b"\x02\x05\x01\x04"
 SONAR, INFRARED = "ping", "dirrs"
-INVALID_CM = 111  # the robot's own word for "no valid reading"
-INFRARED_LIMITS_CM = (10, 80)  # outside them the infrared ranger sees ghosts
+INVALID_CM = round(100.0 * CATALOGUE[SONAR].invalid_m[0])
 
 _TEXT_COMMANDS = (1, 2, 3, 4)
 _PLANNER_COMMAND = 5
@@ -126,8 +126,9 @@ def _readings(raw: bytes) -> Packet:
     readings = []
     if sonar_cm != INVALID_CM:
         readings.append(RangeReport(SONAR, _range_m(sonar_cm)))
-    nearest_cm, farthest_cm = INFRARED_LIMITS_CM
-    if infrared_cm <= 0 or nearest_cm <= infrared_cm <= farthest_cm:
+    known = CATALOGUE[INFRARED]
+    valid = known.min_range_m <= infrared_cm / 100.0 <= known.max_range_m  # else it sees ghosts
+    if infrared_cm <= 0 or valid:
         readings.append(RangeReport(INFRARED, _range_m(infrared_cm)))
     invalid = 2 - len(readings)
     if not readings:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class HelloReport:
-    """A device says who it is: at boot, and again from time to time."""
+    """A device names itself: at boot, and again from time to time."""
 
     protocol_version: int
     robot: str
@@ -69,20 +69,20 @@ class Fault(enum.Enum):
     NOISE = "noise"  # bytes that belong to no line
     CUT = "cut"  # a line without its end
     OVERLONG = "overlong"  # longer than the protocol allows
-    MALFORMED = "malformed"  # not built as the protocol says
+    MALFORMED = "malformed"  # not built as the protocol requires
     BAD_CHECKSUM = "bad_checksum"
     UNKNOWN_KIND = "unknown_kind"  # sound, but of a kind that this version does not know
-    HEADER = "header"  # words above columns of numbers
+    HEADER = "header"  # names above columns of numbers
     BLANK = "blank"  # nothing but the end of a line
 
 
 @dataclass(frozen=True, slots=True)
 class Packet:
-    """A stretch of the stream: ``raw`` as it came, and what it says or why it says nothing.
+    """A stretch of the stream: ``raw`` as it came, and the report in it or why there is none.
 
     Exactly one of ``report`` and ``fault`` is set. ``seq`` and ``device_ms`` are known whenever
     they can be trusted, thus also for a sound line of an unknown kind. ``more`` are further reports
-    of the same bytes, ``invalid`` counts values in them that say that nothing was measured, and
+    of the same bytes, ``invalid`` counts values in them that mean that nothing was measured, and
     ``reply`` is what the device must be sent in answer.
     """
 

@@ -1,1 +1,1 @@
-"""A robot that is not there: rooms, what its sensors hear in them, and its serial line."""
+"""A robot that is not there: rooms, what its sensors measure in them, and its serial line."""

@@ -1,13 +1,15 @@
-"""What a sensor hears or sees between known walls, with the faults of real ones.
+"""What a sensor measures between known walls, with the faults of real ones.
 
-A sonar hears the nearest surface in its cone that sends enough sound back. A surface does so when
-the beam meets it nearly square; beyond some 25 degrees it acts as a mirror, and the echo comes
+A sonar measures the nearest surface in its cone that sends enough sound back. A surface does so
+when the beam meets it nearly square; beyond some 25 degrees it acts as a mirror, and the echo comes
 from what the mirror shows, by a longer way. A right-angled corner sends sound back whatever the
-angle. An infrared ranger and a laser see along a thin line, and no surface mirrors their light.
+angle. An infrared ranger and a laser measure along a thin line, or average a cone, and no surface
+mirrors their light.
 
-``noise`` scales every fault at once: the width of the cone that is listened to, the mirrors, the
+``noise`` scales every fault of a kind at once: the width of the sonar's cone, the mirrors, the
 share of short and lost echoes, the spread of the readings. 1 is a usual cheap sensor; 0 a perfect
-one: the exact distance, along the axis alone, of the nearest wall. Every reading draws equally many
+one: the exact distance, along the axis alone, of the nearest wall. Only with noise are readings
+whole multiples of the kind's resolution. Every reading draws equally many
 random numbers, whatever ``noise`` is.
 """
 
@@ -21,7 +23,7 @@ from numpy.typing import NDArray
 
 from recorder.geometry import SE2
 from recorder.messages import Radiation
-from recorder.sensors import SensorParameters
+from recorder.sensors import ScanPattern, SensorKind
 from recorder.simulator.walls import Points, Walls
 
 MIRROR_DEG = 25.0  # a surface met at more than this sends most of the sound away
@@ -30,24 +32,9 @@ _MIRRORED_SHARE = 0.8  # of the sound is left after the detour over a mirror
 _CORNER_RAD = math.radians(10.0)  # two walls that turn the sound back by this much are a corner
 _CORNER_SHARE = 0.2  # of the way there: how far apart the sound may meet the corner's two walls
 _EDGE_LOUDNESS = 0.4  # of the cone, against its axis
-_HEARD_LOWEST, _HEARD_HIGHEST = 0.15, 0.5  # how loud an echo must be: drawn for each ping
-_SHORT_SHARE = 0.02
-_LOST_SHARE = 0.08  # with the pings that are mirrored away altogether: about a tenth without echo
-_SONAR_ERROR, _SONAR_ERROR_M = 0.01, 0.005
-_INFRARED_ERROR = 0.03
-_INFRARED_AIM_RAD = math.radians(0.5)
-_LASER_ERROR_M = 0.01
+_QUIETEST, _LOUDEST = 0.15, 0.5  # how loud an echo must be: drawn for each ping
 _RAY_SPACING_RAD = math.radians(1.0)
 _END_TOLERANCE = 1e-9  # of a wall's length: no ray slips through where two walls meet
-
-
-@dataclass(frozen=True, slots=True)
-class Ranger:
-    """A simulated ranger: its name, its beam and where it sits on the robot or its head."""
-
-    name: str
-    parameters: SensorParameters
-    mount: SE2
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,37 +81,45 @@ def cast(walls_m: Walls, origins_m: Points, headings_rad: NDArray[np.float64]) -
 def range_reading(
     walls_m: Walls,
     world_from_sensor: SE2,
-    ranger: Ranger,
+    kind: SensorKind,
     noise: float,
     rng: np.random.Generator,
 ) -> float:
     """One reading in metres; +Inf: nothing seen; -Inf: too close to measure."""
-    known = ranger.parameters
     chances, spreads = rng.random(4), rng.standard_normal(2)
-    if known.radiation is Radiation.ULTRASOUND:
-        range_m = _sonar(walls_m, world_from_sensor, known, noise, chances, spreads)
+    if kind.radiation is Radiation.ULTRASOUND:
+        range_m = _sonar(walls_m, world_from_sensor, kind, noise, chances, spreads)
     else:
-        range_m = _infrared(walls_m, world_from_sensor, noise, spreads)
-    if range_m > known.max_range_m:
+        range_m = _light(walls_m, world_from_sensor, kind, noise, spreads)
+    step_m = kind.faults.resolution_m
+    if step_m and noise and math.isfinite(range_m):
+        range_m = step_m * round(range_m / step_m)
+    if range_m > kind.max_range_m:
         return math.inf
-    return -math.inf if range_m < known.min_range_m else range_m
+    if range_m < kind.min_range_m:
+        return kind.min_range_m if kind.faults.clips else -math.inf
+    return range_m
 
 
 def scan_reading(
     walls_m: Walls,
     world_from_sensor: SE2,
-    bearings_rad: NDArray[np.float64],
-    min_range_m: float,
-    max_range_m: float,
+    kind: SensorKind,
+    pattern: ScanPattern,
     noise: float,
     rng: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """One laser scan: ranges (N,) in metres along ``bearings_rad`` (N,), ±Inf as for a ranger."""
+    """One scan: ranges (N,) in metres along the beams of ``pattern``, ±Inf as for a ranger."""
     origin_m = np.array([world_from_sensor.x_m, world_from_sensor.y_m])
-    hits = cast(walls_m, origin_m, world_from_sensor.heading_rad + bearings_rad)
-    ranges_m = hits.distance_m + _LASER_ERROR_M * noise * rng.standard_normal(len(bearings_rad))
-    ranges_m[ranges_m > max_range_m] = np.inf
-    ranges_m[ranges_m < min_range_m] = -np.inf
+    hits = cast(walls_m, origin_m, world_from_sensor.heading_rad + pattern.bearings_rad)
+    met_m = np.where(np.isfinite(hits.distance_m), hits.distance_m, 0.0)
+    spread_m = kind.faults.error_m + kind.faults.error * met_m
+    ranges_m = hits.distance_m + spread_m * noise * rng.standard_normal(len(met_m))
+    step_m = kind.faults.resolution_m
+    if step_m and noise:
+        ranges_m = step_m * np.round(ranges_m / step_m)
+    ranges_m[ranges_m > pattern.reach_m] = np.inf
+    ranges_m[ranges_m < kind.min_range_m] = -np.inf
     return ranges_m
 
 
@@ -137,7 +132,7 @@ def fan(width_rad: float) -> NDArray[np.float64]:
 def _sonar(
     walls_m: Walls,
     world_from_sensor: SE2,
-    known: SensorParameters,
+    kind: SensorKind,
     noise: float,
     chances: NDArray[np.float64],
     spreads: NDArray[np.float64],
@@ -145,13 +140,14 @@ def _sonar(
     """A ping before the limits of the sensor: +Inf when no echo is loud enough."""
     if noise == 0.0:
         return _along_axis(walls_m, world_from_sensor)
-    heard_m = _echo(walls_m, world_from_sensor, known.beam_width_rad, noise, chances[0])
-    if chances[1] < _LOST_SHARE * noise or heard_m > known.max_range_m:
+    faults = kind.faults
+    echo_m = _echo(walls_m, world_from_sensor, kind.parameters.beam_width_rad, noise, chances[0])
+    if chances[1] < faults.lost_share * noise or echo_m > kind.max_range_m:
         return math.inf
-    if chances[2] < _SHORT_SHARE * noise:
-        return known.min_range_m + float(chances[3]) * max(0.0, heard_m - known.min_range_m)
-    error = 1.0 + _SONAR_ERROR * noise * spreads[0]
-    return float(heard_m * error + _SONAR_ERROR_M * noise * spreads[1])
+    if chances[2] < faults.short_share * noise:
+        return kind.min_range_m + float(chances[3]) * max(0.0, echo_m - kind.min_range_m)
+    error = 1.0 + faults.error * noise * spreads[0]
+    return float(echo_m * error + faults.error_m * noise * spreads[1])
 
 
 def _echo(
@@ -176,10 +172,10 @@ def _echo(
     corner = (1.0 - straight) * (back & (second.distance_m < _CORNER_SHARE * first.distance_m))
     loudness = np.stack([straight, mirrored, corner])
     beam = _EDGE_LOUDNESS ** np.square(2.0 * bearings_rad[met] / width_rad)
-    heard = loudness * beam >= _HEARD_LOWEST + (_HEARD_HIGHEST - _HEARD_LOWEST) * draw
+    received = loudness * beam >= _QUIETEST + (_LOUDEST - _QUIETEST) * draw
     there_m, on_m = first.distance_m, second.distance_m
     range_m = np.stack([there_m, there_m + on_m, there_m + 0.5 * on_m])
-    return float(np.min(range_m, where=heard, initial=np.inf))
+    return float(np.min(range_m, where=received, initial=np.inf))
 
 
 def _returned(incidence_rad: NDArray[np.float64], sharpness: float) -> NDArray[np.float64]:
@@ -189,13 +185,29 @@ def _returned(incidence_rad: NDArray[np.float64], sharpness: float) -> NDArray[n
     return np.asarray(0.5 - 0.5 * np.tanh(excess / 2.0))
 
 
-def _infrared(
-    walls_m: Walls, world_from_sensor: SE2, noise: float, spreads: NDArray[np.float64]
+def _light(
+    walls_m: Walls,
+    world_from_sensor: SE2,
+    kind: SensorKind,
+    noise: float,
+    spreads: NDArray[np.float64],
 ) -> float:
-    """Light along a thin line that wavers a little; no surface mirrors it away."""
-    aim = SE2(0.0, 0.0, _INFRARED_AIM_RAD * noise * float(spreads[0]))
-    distance_m = _along_axis(walls_m, world_from_sensor @ aim)
-    return distance_m * (1.0 + _INFRARED_ERROR * noise * float(spreads[1]))
+    """Light along a line that wavers a little, or averaged over a cone; no surface mirrors it."""
+    faults = kind.faults
+    sensor = world_from_sensor
+    if faults.aim_deg:
+        aim_rad = math.radians(faults.aim_deg) * noise * float(spreads[0])
+        sensor = sensor @ SE2(0.0, 0.0, aim_rad)
+    distance_m = _along_axis(walls_m, sensor)
+    if faults.average_deg and noise:
+        bearings_rad = min(1.0, noise) * fan(math.radians(faults.average_deg))
+        origin_m = np.array([sensor.x_m, sensor.y_m])
+        all_m = cast(walls_m, origin_m, sensor.heading_rad + bearings_rad).distance_m
+        light = 1.0 / np.square(all_m)  # as much returns; nothing from where there is no wall
+        if light.any():
+            distance_m = float(np.average(np.where(light, all_m, 0.0), weights=light))
+    error = 1.0 + faults.error * noise * float(spreads[1])
+    return distance_m * error + faults.error_m * noise * float(spreads[1])
 
 
 def _along_axis(walls_m: Walls, world_from_sensor: SE2) -> float:

@@ -10,11 +10,10 @@ import numpy as np
 
 from recorder.odometry import COUNTER_RANGE
 from recorder.protocols.echogrid import DEVICE_MS_RANGE, SEQ_RANGE, encode
-from recorder.protocols.rbc import ANSWER, GO, HELLO, INVALID_CM, sensor_packet
+from recorder.protocols.rbc import ANSWER, GO, HELLO, INFRARED, INVALID_CM, SONAR, sensor_packet
 from recorder.protocols.reports import LogReport, RangeReport, Report, WheelReport
 
 CSV_COLUMNS = "t_ms,ping:mm,dirrs:mm"
-_SONAR, _INFRARED = "ping", "dirrs"
 
 
 class Firmware:
@@ -37,9 +36,9 @@ class Firmware:
         self._wheels_at_boot: WheelReport | None = None
 
     def line(self, report: Report, t_ns: int) -> bytes:
-        """The bytes that say ``report``, measured at ``t_ns`` of the clock that ``boot`` got.
+        """The bytes of ``report``, measured at ``t_ns`` of the clock that ``boot`` got.
 
-        Nothing where the protocol has no word for it.
+        Empty where the protocol cannot carry it.
         """
         if isinstance(report, WheelReport):
             report = self._since_boot(report)
@@ -47,7 +46,7 @@ class Firmware:
         self._seq = (self._seq + 1) % SEQ_RANGE
         return self._corrupted(line)
 
-    def hear(self, data: bytes) -> bytes:
+    def receive(self, data: bytes) -> bytes:
         """What the device answers to bytes of the host."""
         return b""
 
@@ -80,7 +79,7 @@ class RbcFirmware(Firmware):
         self._asked = self._awake = False
         self._sonar_cm: int | None = None
 
-    def hear(self, data: bytes) -> bytes:
+    def receive(self, data: bytes) -> bytes:
         """Byte 10 is answered with 8, and 11 begins it all."""
         answer = b""
         for byte in data:
@@ -96,7 +95,7 @@ class RbcFirmware(Firmware):
         if not self._awake or not isinstance(report, RangeReport):
             return b""
         waiting, self._sonar_cm = self._sonar_cm, None
-        if report.sensor == _INFRARED:
+        if report.sensor == INFRARED:
             sonar_cm = INVALID_CM if waiting is None else waiting
             return self._corrupted(sensor_packet(sonar_cm, _whole_cm(report)))
         self._sonar_cm = _whole_cm(report)
@@ -120,11 +119,11 @@ class CsvFirmware(Firmware):
         if not isinstance(report, RangeReport):
             return b""
         text = f"{report.range_m * 1000.0:.0f}" if math.isfinite(report.range_m) else "0"
-        if report.sensor == _SONAR:
+        if report.sensor == SONAR:
             self._sonar = text
             return b""
         row = f"{self._device_ms(t_ns)},{self._sonar},{text}\r\n"
-        self._sonar = "nan"  # it is said once
+        self._sonar = "nan"  # each reading is sent once
         return self._corrupted(row.encode("ascii"))
 
 
@@ -134,5 +133,5 @@ FIRMWARES: Mapping[str, type[Firmware]] = {
 
 
 def _whole_cm(report: RangeReport) -> int:
-    """A range as the robot says it; -1: nothing seen."""
+    """A range as the robot sends it; -1: nothing seen."""
     return round(report.range_m * 100.0) if math.isfinite(report.range_m) else -1

@@ -29,7 +29,7 @@ class PseudoTerminal:
     """The end of a serial line at which the robot sits; ``link`` names the other end.
 
     Nothing blocks here. What nobody has read for two seconds is thrown away, all of it, as a
-    serial port without a listener does: who comes late hears what is new.
+    serial port without a listener does: who comes late reads what is new.
     """
 
     def __init__(self, link: Path) -> None:

@@ -1,6 +1,6 @@
 """Simulated rooms: walls that are known exactly, and a closed route that a robot can drive.
 
-The built-in ones suit a small robot (some 10 cm wide) with a sonar that hears up to 4 m and an
+The built-in ones suit a small robot (some 10 cm wide) with a sonar that reaches 4 m and an
 infrared ranger that sees up to 0.8 m. Others come from GeoJSON files, in metres.
 """
 
@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from recorder.errors import BadInput
 from recorder.names import did_you_mean
-from recorder.simulator.room_files import read_room_file
 from recorder.simulator.routes import ROBOT_RADIUS_M, default_route, inside
 from recorder.simulator.walls import disc, join, leg_clearance, path, rectangle
+from recorder.truth import read_walls
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,7 +54,7 @@ def load_room(name_or_path: str | Path) -> Room:
     file = Path(name)
     if file.suffix.lower() not in (".json", ".geojson") and not file.exists():
         raise BadInput(f"no room {name!r} and no such file; {did_you_mean(name, ROOMS)}")
-    walls_m = read_room_file(file)
+    walls_m = read_walls(file)
     try:
         return Room(file.stem, walls_m, default_route(walls_m))
     except BadInput as error:

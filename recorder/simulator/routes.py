@@ -33,7 +33,7 @@ class FreeSpace:
     """The room in cells: ``grid[row, col]``, row 0 at the lowest y.
 
     ``clearance_m`` is the distance of a cell from the nearest wall, to about a cell; ``inside``
-    tells the cells in the room, those with a wall included.
+    marks the cells in the room, those with a wall included.
     """
 
     origin_m: tuple[float, float]

@@ -1,7 +1,7 @@
 """The simulated robot in real time, behind a real serial line, with an overhead tracker on TCP.
 
-Whoever records it cannot tell it from hardware: the line is a pseudo-terminal that speaks one of
-the protocols, and it can be made noisy, unplugged and restarted.
+Whoever records it cannot distinguish it from hardware: the line is a pseudo-terminal that carries
+one of the protocols, and it can be made noisy, unplugged and restarted.
 """
 
 from __future__ import annotations
@@ -23,8 +23,9 @@ from recorder.geometry import SE2
 from recorder.messages import Pose, Scan, Transform
 from recorder.protocols.echogrid import PROTOCOL_VERSION
 from recorder.protocols.reports import HelloReport, LogReport, Report
+from recorder.sensors import DEFAULT_SENSORS
 from recorder.simulator.firmwares import FIRMWARES, Firmware
-from recorder.simulator.robot import DEFAULT_SENSORS, LIDAR, Robot
+from recorder.simulator.robot import Robot
 from recorder.simulator.rooms import Room
 from recorder.simulator.tracker_server import TrackerServer
 
@@ -36,7 +37,7 @@ __all__ = ["HELLO", "HELLO_PERIOD_NS", "Firmware", "SerialRobot"]
 HELLO = HelloReport(PROTOCOL_VERSION, "simulated", "echogrid")
 HELLO_PERIOD_NS = 5_000_000_000
 _CORRUPTION_STREAM = 99  # random numbers of its own, apart from those of the robot
-_LONGEST_WAIT_S = 0.02  # between two looks at who knocks at the tracker
+_LONGEST_WAIT_S = 0.02  # between two looks at who connects to the tracker
 
 
 class SerialRobot:
@@ -48,10 +49,10 @@ class SerialRobot:
     ``speed`` is how many simulated seconds pass in a real one: all stamps are in real time, so a
     fast robot drives and measures faster. ``corrupt_rate`` is the share of bytes that arrive
     wrong. ``device`` may name the path to use; otherwise it lies in a temporary folder.
-    ``protocol`` is what it speaks: ``echogrid``, ``rbc`` or ``csv``.
+    ``protocol`` is that of its line: ``echogrid``, ``rbc`` or ``csv``.
 
     Raises BadInput for what :class:`~recorder.simulator.robot.Robot` refuses, for a lidar (the
-    protocol has no word for its scans) and for numbers out of range; LinkError, when entered,
+    protocol has no scans) and for numbers out of range; LinkError, when entered,
     where the system has no pseudo-terminals.
     """
 
@@ -73,9 +74,10 @@ class SerialRobot:
         protocol: str = Firmware.protocol,
     ) -> None:
         if protocol not in FIRMWARES:
-            raise BadInput(f"the simulated robot speaks {', '.join(FIRMWARES)}, not {protocol!r}")
-        if LIDAR in sensors:
-            raise BadInput("the echogrid protocol has no scans: the serial robot has no lidar")
+            known = ", ".join(FIRMWARES)
+            raise BadInput(f"the protocols of the simulated robot are {known}, not {protocol!r}")
+        if protocol != Firmware.protocol and not set(sensors) <= set(DEFAULT_SENSORS):
+            raise BadInput(f"the protocol {protocol} carries only {', '.join(DEFAULT_SENSORS)}")
         if not 0.01 <= speed <= 100.0:
             raise BadInput(f"the speed must be between 0.01 and 100, not {speed:g}")
         if not 0.0 <= corrupt_rate <= 1.0:
@@ -88,6 +90,8 @@ class SerialRobot:
             route=route,
             head_sweep_deg=head_sweep_deg,
         )
+        if any(kind.scan is not None for kind in self._robot.kinds.values()):
+            raise BadInput("the echogrid protocol has no scans: the serial robot has no lidar")
         self._speed = speed
         rng = np.random.default_rng([seed, _CORRUPTION_STREAM])
         self._firmware = FIRMWARES[protocol](corrupt_rate, rng)
@@ -131,7 +135,7 @@ class SerialRobot:
         self._resources.close()
 
     def mounts(self) -> dict[str, tuple[str, SE2]]:
-        """The frame that carries each sensor, and where it sits there: the line does not say."""
+        """The frame that carries each sensor, and where it sits there."""
         return self._robot.mounts()
 
     def mount_transforms(self) -> tuple[Transform, ...]:
@@ -142,7 +146,7 @@ class SerialRobot:
         )
 
     def unplug(self) -> None:
-        """Pull the plug: whoever reads sees the line hang up. The robot drives on, unheard."""
+        """Pull the plug: whoever reads sees the line hang up. The robot drives on."""
         with self._plug:
             if self._terminal is not None:
                 self._terminal.close()
@@ -180,9 +184,9 @@ class SerialRobot:
             if log_ns >= next_hello_ns:
                 self._transmit(HELLO, log_ns)
                 next_hello_ns += HELLO_PERIOD_NS
-            match event.said:
-                case Pose():
-                    self._tracker.send((wall_ns + t_ns) * 1e-9, event.said.world_from_base)
+            match event.report:
+                case Pose(_, world_from_base):
+                    self._tracker.send((wall_ns + t_ns) * 1e-9, world_from_base)
                 case Scan():
                     raise AssertionError("a robot without a lidar sent a scan")
                 case report:
@@ -192,7 +196,7 @@ class SerialRobot:
         """Look after the connections until it is time; False when the robot is to stop."""
         while not self._stop.is_set():
             self._tracker.accept()
-            self._hear()
+            self._answer()
             wait_s = (due_ns - time.monotonic_ns()) * 1e-9
             if wait_s <= 0.0:
                 return True
@@ -205,15 +209,15 @@ class SerialRobot:
             return
         self._sent += 1  # before the write: whoever has read a line finds it counted
         with self._plug:
-            heard = False
+            taken = False
             if self._terminal is not None:
-                heard = self._terminal.write(line, time.monotonic_ns())
-        self._losses += not heard
+                taken = self._terminal.write(line, time.monotonic_ns())
+        self._losses += not taken
 
-    def _hear(self) -> None:
+    def _answer(self) -> None:
         """Take what the host sent, so that its line never fills up, and answer it."""
         with self._plug:
             if self._terminal is not None:
-                answer = self._firmware.hear(self._terminal.read_input())
+                answer = self._firmware.receive(self._terminal.read_input())
                 if answer:
                     self._terminal.write(answer, time.monotonic_ns())

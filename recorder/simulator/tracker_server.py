@@ -31,11 +31,11 @@ class TrackerServer:
 
     @property
     def clients(self) -> int:
-        """How many are listening."""
+        """How many are connected."""
         return len(self._waiting)
 
     def send(self, t_s: float, world_from_base: SE2) -> None:
-        """Tell everybody where the robot was at ``t_s`` (UNIX seconds of the host's clock)."""
+        """Send where the robot was at ``t_s`` (UNIX seconds of the host's clock)."""
         line = json.dumps(
             {
                 "t_s": round(t_s, 6),
@@ -49,7 +49,7 @@ class TrackerServer:
             self._push(client)
 
     def accept(self) -> None:
-        """Welcome those who knocked since."""
+        """Accept those who connected since."""
         with contextlib.suppress(BlockingIOError, ConnectionError):
             while True:
                 client, _ = self._listener.accept()
@@ -57,7 +57,7 @@ class TrackerServer:
                 self._waiting[client] = bytearray()
 
     def close(self) -> None:
-        """Hang up on everybody."""
+        """Close all connections."""
         for connection in (*self._waiting, self._listener):
             connection.close()
         self._waiting.clear()

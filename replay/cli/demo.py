@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from recorder.cli import options
-from replay.cli.telling import map_and_tell
+from replay.cli.map_report import map_and_report
 
 _SPEED = 4.0  # the demo's robot hurries, so that it has seen its room after some seconds
 
@@ -37,7 +37,7 @@ _SPEED = 4.0  # the demo's robot hurries, so that it has seen its room after som
 )
 @click.option("--no-view", is_flag=True, help="Do not open the viewer.")
 @click.option("--force", is_flag=True, help="Write into a folder that is not empty.")
-@click.option("--quiet", is_flag=True, help="Say nothing but errors.")
+@options.quiet
 def demo(
     output: Path | None, room: str, duration: float, seed: int, no_view: bool, force: bool,
     quiet: bool,
@@ -53,7 +53,7 @@ def demo(
     if not quiet:
         click.echo(f"recording {duration:.0f} s from a serial line into {session}", err=True)
     record_demo(session, room=room, duration_s=duration, seed=seed, speed=_SPEED, quiet=quiet)
-    status = map_and_tell(session, load_config(), rrd, None, force=True, quiet=quiet)
+    status = map_and_report(session, load_config(), rrd, None, force=True, quiet=quiet)
     if not quiet:
         click.echo(f"look:  echogrid view {rrd}    (in a browser: --web)")
     if not no_view and has_display():

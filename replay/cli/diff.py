@@ -45,7 +45,7 @@ def diff(
     plugins: tuple[Path, ...], tolerance: float, line_tolerance_m: float, layers: tuple[str, ...],
     as_json: bool, output: Path | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """Say what differs between two maps, sessions or recordings.
+    """Report what differs between two maps, sessions or recordings.
 
     A and B are sessions, .rrd, .npz, map_server maps or export folders.
 
@@ -68,7 +68,7 @@ def diff(
             a, b, config, tolerance=tolerance, line_tolerance_m=line_tolerance_m, only=layers,
             progress=advance,
         )  # fmt: skip
-    _tell(report, as_json=as_json, quiet=quiet)
+    _print(report, as_json=as_json, quiet=quiet)
     if output is not None:
         _write(report, output)
         if not quiet and not as_json:
@@ -87,11 +87,11 @@ def _check_output(output: Path | None, inputs: tuple[Path, ...], *, force: bool)
     check_output(output, inputs, force=force)
 
 
-def _tell(report: Report, *, as_json: bool, quiet: bool) -> None:
+def _print(report: Report, *, as_json: bool, quiet: bool) -> None:
     import json
 
-    from replay.diff.words import as_json as plain
-    from replay.diff.words import summary
+    from replay.diff.report_text import as_json as plain
+    from replay.diff.report_text import summary
 
     if as_json:
         click.echo(json.dumps(plain(report), indent=1, ensure_ascii=False, allow_nan=False))

@@ -13,8 +13,8 @@ import click
 
 from mapping.cli import config_options
 from recorder.cli import options
-from recorder.cli.recording import line_options, prepared, tell_counters
-from replay.cli.telling import map_and_tell
+from recorder.cli.recording import line_options, prepared, report_counters
+from replay.cli.map_report import map_and_report
 
 
 @click.command(epilog="Example:  echogrid live sim:room --web")
@@ -62,7 +62,7 @@ def live(
                 stop=ready.controls.stop, pause=ready.controls.pause,
                 on_status=ready.on_status, status_period_s=ready.status_period_s,
             )  # fmt: skip
-        status = tell_counters(
+        status = report_counters(
             result.counters, session, quiet=quiet, source_damage=ready.options.source_damage
         )
         if result.end.failure:
@@ -72,11 +72,11 @@ def live(
                 f"{result.end.not_followed} messages are in the session, not in the live map"
             )
         if not no_map:
-            status |= map_and_tell(
+            status |= map_and_report(
                 session, config, folder / "live.rrd", None, force=True, quiet=quiet
             )
-        elif result.end.told and not quiet:
-            click.echo(result.end.told)
+        elif result.end.report and not quiet:
+            click.echo(result.end.report)
         if web and sys.stdin is not None and sys.stdin.isatty():
             click.echo("the live map stays in the browser until Enter or Ctrl-C")
             with contextlib.suppress(KeyboardInterrupt, EOFError):

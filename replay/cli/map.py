@@ -10,12 +10,13 @@ import click
 from mapping.cli import plugin_option, preset_option, setting_option
 from recorder.cli import options
 from recorder.errors import BadInput
-from replay.cli.comparing import compare_and_tell
-from replay.cli.probe_option import Point, probe_option
-from replay.cli.telling import map_and_tell
+from replay.cli.map_report import compare_and_report, map_and_report
 
 if TYPE_CHECKING:
     from replay.comparison import Variant
+
+
+Point = tuple[float, float]
 
 
 def _pose(context: click.Context, parameter: click.Parameter, given: str | None) -> str | None:
@@ -29,6 +30,20 @@ def _pose(context: click.Context, parameter: click.Parameter, given: str | None)
             f"{given!r} is not x,y,deg (metres, degrees), as in 0.5,0.6,90"
         ) from None
     return f"{x},{y},{deg}"
+
+
+def _points(
+    context: click.Context, parameter: click.Parameter, given: tuple[str, ...]
+) -> tuple[Point, ...]:
+    """The points; a usage error in one line where there are not two numbers."""
+    points = []
+    for text in given:
+        try:
+            x, y = (float(part) for part in text.split(","))
+        except ValueError:
+            raise click.BadParameter(f"{text!r} is not x,y in metres, as in 1.25,0.5") from None
+        points.append((x, y))
+    return tuple(points)
 
 
 @click.command("map", epilog="Example:  echogrid map run.mcap -o run.rrd --export out")
@@ -57,7 +72,10 @@ def _pose(context: click.Context, parameter: click.Parameter, given: str | None)
     callback=_pose,
     help="The robot stood still here (metres, degrees): no tracker needed.",
 )
-@probe_option
+@click.option(
+    "--probe", "probes", metavar="X,Y", multiple=True, callback=_points,
+    help="Why is the cell at x,y (metres) so? Repeatable.",
+)  # fmt: skip
 @click.option(
     "--rrd-budget-mb",
     type=options.Number(min=1),
@@ -95,8 +113,10 @@ def map_(
         variants = _variants(configs, compare, extra, preset)
         if probes:
             raise BadInput("--probe follows a cell of one map, not of several side by side")
-        return compare_and_tell(session, variants, rrd, export, more=more, force=force, quiet=quiet)
-    return map_and_tell(
+        return compare_and_report(
+            session, variants, rrd, export, more=more, force=force, quiet=quiet
+        )
+    return map_and_report(
         session, load_config(configs, extra, preset), rrd, export, probes=probes, more=more,
         force=force, quiet=quiet,
     )  # fmt: skip

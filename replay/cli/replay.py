@@ -1,4 +1,4 @@
-"""``replay``: a session said again, so that recorded hardware stands in for hardware."""
+"""``replay``: a session sent again, so that recorded hardware stands in for hardware."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from recorder.cli.progress import progress_bar
 
 if TYPE_CHECKING:
     from recorder.playback import Playback
-    from recorder.playback_run import PlayedCounts
+    from recorder.playback.run import PlayedCounts
 
 
 @click.command(
@@ -54,7 +54,7 @@ def replay(
     session: Path, to: str, speed: float, fast: bool, baud: int | None, tracker_port: int | None,
     poses_in_line: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """Say a SESSION again, in time, as its robot did.
+    """Send a SESSION again, in time, as its robot did.
 
     Its serial lines come byte by byte, its poses as from a tracker.
 
@@ -66,7 +66,7 @@ def replay(
 
     speed = check_speed(0.0 if fast else speed)
     if to == "none" and tracker_port is None:
-        raise BadInput("--to none needs a --tracker-port, or nothing would be said")
+        raise BadInput("--to none needs a --tracker-port, or nothing would be sent")
     read = read_session(session)
     playback = playback_of(read.records, poses_in_line=poses_in_line)
     for reason in read.damage:
@@ -75,7 +75,9 @@ def replay(
     if not quiet:
         click.echo(f"sent {played.pieces} lines, {played.sent_bytes} bytes, {played.poses} poses")
         for topic, count in playback.left_out.items():
-            click.echo(f"left out {count} of {topic}: a serial line has no word for it", err=True)
+            click.echo(
+                f"left out {count} of {topic}: a serial line has no message for it", err=True
+            )
     if played.ended:
         click.echo(f"echogrid: {played.ended}", err=True)
     return 1 if played.ended or read.damage else 0
@@ -85,13 +87,13 @@ def _play(
     playback: Playback, to: str, speed: float, baud: int | None, tracker_port: int | None, *,
     quiet: bool,
 ) -> PlayedCounts:  # fmt: skip
-    """Open both ends, say where they are, play with a bar."""
+    """Open both ends, print where they are, play with a bar."""
     from recorder.clock import HostClock
-    from recorder.controls import Controls, signals
     from recorder.errors import LinkError
     from recorder.link import DEFAULT_BAUD
-    from recorder.playback_ports import open_outlet
-    from recorder.playback_run import play
+    from recorder.playback.outlets import open_outlet
+    from recorder.playback.run import play
+    from recorder.recording.controls import Controls, signals
     from recorder.simulator.tracker_server import TrackerServer
 
     clock, controls = HostClock(), Controls()

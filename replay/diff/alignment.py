@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
-from replay.diff.layers import UNKNOWN, Codes, MapLayer, Values
+from replay.diff.layers import UNKNOWN, Codes, MapLayer, Values, never_seen
 
 _WHOLE = 1e-3  # a shift is whole when it is so many cells away from one, over the whole grid
 _MOST_CELLS = 100_000_000
 
+Shades = NDArray[np.float64]
 T = TypeVar("T", bound=np.generic)
 
 
@@ -22,7 +23,8 @@ T = TypeVar("T", bound=np.generic)
 class Aligned:
     """Both layers on ``geometry``, which holds the two; ``a_offset`` is where A's (0, 0) lies.
 
-    ``values`` of a layer of classes are its codes.
+    ``values`` of a layer of classes are its codes, and its ``shades`` are empty: else they are
+    probabilities (rows, cols), NaN where nothing was seen.
     """
 
     geometry: GridGeometry
@@ -33,6 +35,8 @@ class Aligned:
     a_classes: Codes
     b_classes: Codes
     by_class: bool
+    a_shades: Shades
+    b_shades: Shades
 
 
 def common_grid(
@@ -77,11 +81,19 @@ def align(a: MapLayer, b: MapLayer) -> Aligned:
     if a.values is None or b.values is None or a.kind != b.kind:
         return Aligned(
             geometry, at_a, at_b, a_classes.astype(np.float32), b_classes.astype(np.float32),
-            a_classes, b_classes, True,
+            a_classes, b_classes, True, np.zeros((0, 0)), np.zeros((0, 0)),
         )  # fmt: skip
     a_values = padded(a.values, geometry, at_a, a.start)
     b_values = padded(b.values, geometry, at_b, b.start)
-    return Aligned(geometry, at_a, at_b, a_values, b_values, a_classes, b_classes, False)
+    a_shades = padded(_shades(a), geometry, at_a, np.nan)
+    b_shades = padded(_shades(b), geometry, at_b, np.nan)
+    return Aligned(
+        geometry, at_a, at_b, a_values, b_values, a_classes, b_classes, False, a_shades, b_shades
+    )
+
+
+def _shades(layer: MapLayer) -> Shades:
+    return np.where(never_seen(layer), np.nan, layer.probability)
 
 
 def padded(

@@ -1,4 +1,4 @@
-"""Two sources → everything that can be said of how they differ."""
+"""Two sources → everything about how they differ."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from mapping.config import MappingConfig
 from recorder.errors import BadInput
 from replay.diff.alignment import Aligned, align
 from replay.diff.cells import CellFigures, ExtraFigures, cell_figures, extra_figures
+from replay.diff.divergence import Divergence, StepDivergence, part_at_step
 from replay.diff.layers import MapLayer, Moment, Source
 from replay.diff.lines import BorderFigures, LineFigures, border_figures, line_figures
-from replay.diff.parting import Parting, StepParting, part_at_step
 from replay.diff.sources.opening import is_session, open_map
 from replay.diff.verdict import LayerVerdict, Verdict, layer_verdict, overall
 
@@ -23,7 +23,7 @@ Pairs = dict[str, tuple[MapLayer, MapLayer]]
 
 @dataclass(frozen=True, slots=True)
 class LayerReport:
-    """One layer of both sides. ``lines`` and ``borders`` are None where a side does not tell them.
+    """One layer of both sides. ``lines`` and ``borders`` are None where a side does not hold them.
 
     ``written_a`` and ``written_b``: the step at which the worst cell was last written, of sides
     that are recordings.
@@ -59,8 +59,8 @@ class Report:
     layers: tuple[LayerReport, ...]
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
-    parting: Parting | None
-    step_parting: StepParting | None
+    divergence: Divergence | None
+    step_divergence: StepDivergence | None
     verdict: Verdict
     notes: tuple[str, ...]
 
@@ -82,22 +82,22 @@ def compare(
 ) -> Report:
     """Compare two paths of any kind; sessions are mapped with ``config`` first.
 
-    Without ``config``, a session beside a source that tells its configuration is mapped with that.
+    Without ``config``, a session beside a source that holds its configuration is mapped with that.
     Cells differ beyond ``tolerance``, lines when an end moved further than ``line_tolerance_m``.
     Raises an EchogridError, in one line, for what cannot be read or compared.
     """
     if tolerance < 0.0 or line_tolerance_m < 0.0:
         raise BadInput("a tolerance is not negative")
-    left, right, parting = _opened(a, b, config, tolerance, progress)
+    left, right, divergence = _opened(a, b, config, tolerance, progress)
     return report(
-        left, right, parting, tolerance=tolerance, line_tolerance_m=line_tolerance_m, only=only
+        left, right, divergence, tolerance=tolerance, line_tolerance_m=line_tolerance_m, only=only
     )
 
 
 def report(
     a: Source,
     b: Source,
-    parting: Parting | None = None,
+    divergence: Divergence | None = None,
     *,
     tolerance: float = 0.0,
     line_tolerance_m: float = LINE_TOLERANCE_M,
@@ -109,9 +109,9 @@ def report(
         _layer_report(name, a, b, *pair, tolerance, line_tolerance_m)
         for name, pair in pairs.items()
     )
-    step_parting = None
+    step_divergence = None
     if a.history is not None and b.history is not None and any(x.cells.differ for x in layers):
-        step_parting = part_at_step(a.history, b.history, pairs, tolerance)
+        step_divergence = part_at_step(a.history, b.history, pairs, tolerance)
     any_differs = bool(only_a or only_b) or any(layer.differs for layer in layers)
     verdict = overall(
         {layer.name: layer.verdict for layer in layers},
@@ -119,12 +119,12 @@ def report(
         pairs={layer.name: layer.pair for layer in layers},
     )
     notes = (*a.notes, *b.notes, *notes, *_class_notes(pairs))
-    return Report(a, b, layers, only_a, only_b, parting, step_parting, verdict, notes)
+    return Report(a, b, layers, only_a, only_b, divergence, step_divergence, verdict, notes)
 
 
 def _opened(
     a: Path, b: Path, config: MappingConfig | None, tolerance: float, progress: Progress | None
-) -> tuple[Source, Source, Parting | None]:
+) -> tuple[Source, Source, Divergence | None]:
     if is_session(a) and is_session(b):
         from replay.diff.sources.sessions import map_two
 
@@ -148,7 +148,7 @@ def _mapped(
 
 
 def config_of(source: Source) -> MappingConfig:
-    """The configuration that made a source; the default one where it does not tell."""
+    """The configuration that made a source; the default one where it does not hold it."""
     import tomllib
 
     from mapping.config import validate
@@ -166,7 +166,7 @@ def config_of(source: Source) -> MappingConfig:
 def paired(
     a: Source, b: Source, only: Sequence[str] = ()
 ) -> tuple[Pairs, tuple[str, ...], tuple[str, ...], tuple[str, ...]]:
-    """Layers of one name; those that one side alone has; and what must be said.
+    """Layers of one name; those that one side alone has; and notes.
 
     A file of a single layer is compared with the layer of its name alone, or with the other side's
     only one. Raises BadInput where there is nothing to compare.
@@ -234,7 +234,7 @@ def _written(
 
 
 def _class_notes(pairs: Mapping[str, tuple[MapLayer, MapLayer]]) -> tuple[str, ...]:
-    """Said where classes are compared for want of a common unit."""
+    """A note where classes are compared for want of a common unit."""
     return tuple(
         f"layer {name}: A holds {a.kind}, B {b.kind}, so classes are compared"
         for name, (a, b) in pairs.items()

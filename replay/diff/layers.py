@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import Border, Segment
-from mapping.grid import GridGeometry, start_of
-from mapping.update_rules.rules import HIMM_MOST
+from mapping.grid import GridGeometry
+from mapping.update_rules import rule_of
 
 Values = NDArray[np.floating]
 Codes = NDArray[np.uint8]
@@ -43,10 +43,11 @@ class Outline:
 class MapLayer:
     """One layer of a map. Arrays are (rows, cols); ``start`` is what an unseen cell holds.
 
-    ``classes`` hold UNKNOWN, FREE or OCCUPIED. A map that knows nothing else has its values empty,
+    ``classes`` hold UNKNOWN, FREE or OCCUPIED; ``rule`` is empty where the source does not tell it.
+    A map that knows nothing else has its values empty,
     and ``reclass`` brings another layer to the classes as such a file would have written them.
-    ``beam_width_rad`` is that of the layer's sensor, where the source tells it.
-    Lines and borders are None where the source does not tell them.
+    ``beam_width_rad`` is that of the layer's sensor, where the source holds it.
+    Lines and borders are None where the source does not hold them.
     """
 
     name: str
@@ -58,8 +59,27 @@ class MapLayer:
     lines: tuple[Line, ...] | None = None
     borders: tuple[Outline, ...] | None = None
     reclass: Callable[[MapLayer], Codes] | None = None
+    rule: str = ""
     extra: Mapping[str, Values] = field(default_factory=dict)
     beam_width_rad: float | None = None
+
+    @property
+    def probability(self) -> NDArray[np.float64]:
+        """The values as probabilities, by the rule that has their unit.
+
+        A map of a rule that is not built in brings them itself, as the array ``probability``.
+        """
+        values, extra = self.exact_values()
+        if "probability" in extra:
+            return extra["probability"]
+        largest = float(np.nanmax(values, initial=0.0))
+        return rule_of(self.kind, self.rule).probability_of_values(values, largest, extra)
+
+    def exact_values(self) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+        """Values and further arrays as rules take them; a map of classes has none."""
+        assert self.values is not None
+        extra = {name: np.asarray(array, np.float64) for name, array in self.extra.items()}
+        return np.asarray(self.values, np.float64), extra
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +105,8 @@ class History(Protocol):
 class Source:
     """Everything that one side of a comparison brings.
 
-    ``what`` says in a word or two what it is; ``single`` that it is a file of one layer;
-    ``config_toml`` the configuration that made it, where it is told; ``notes`` what must be said.
+    ``what`` is its kind for people; ``single`` that it is a file of one layer;
+    ``config_toml`` the configuration that made it, where it is known; ``notes`` for people.
     """
 
     path: Path
@@ -99,53 +119,21 @@ class Source:
     history: History | None = None
 
 
-def probability_of(
-    kind: str, values: Values, extra: Mapping[str, Values] | None = None
-) -> NDArray[np.float64]:
-    """Values (rows, cols) in the unit ``kind`` as probabilities; shares of the largest for counts.
-
-    The same as the update rules' own, from what a file holds: masses need the arrays ``occupied``
-    and ``unknown``, and are their occupied part without.
-    """
-    v = np.asarray(values, np.float64)
-    match kind:
-        case "odds":
-            with np.errstate(invalid="ignore"):
-                return np.where(np.isinf(v), 1.0, v / (1.0 + v))
-        case "count" | "sum":
-            largest = float(np.nanmax(v, initial=0.0))
-            return np.clip(v / largest, 0.0, 1.0) if largest > 0.0 else np.zeros_like(v)
-        case "certainty":
-            return v / HIMM_MOST
-        case "mass" if extra and {"occupied", "unknown"} <= set(extra):
-            pignistic: NDArray[np.float64] = (
-                np.asarray(extra["occupied"], np.float64)
-                + np.asarray(extra["unknown"], np.float64) / 2.0
-            )
-            return pignistic
-        case _:
-            return v
-
-
-def never_seen(
-    kind: str, values: Values, extra: Mapping[str, Values] | None = None
-) -> NDArray[np.bool_]:
+def never_seen(layer: MapLayer) -> NDArray[np.bool_]:
     """Cells that hold what they began with (or no number): as good as never seen."""
-    v = np.asarray(values)
-    if kind == "mass" and extra and "unknown" in extra:
-        untouched: NDArray[np.bool_] = (np.asarray(extra["unknown"]) == 1.0) | ~np.isfinite(v)
-        return untouched
-    same: NDArray[np.bool_] = (v == v.dtype.type(start_of(kind))) | np.isnan(v)
-    return same
+    if layer.values is None:
+        return np.equal(layer.classes, UNKNOWN)
+    values, extra = layer.exact_values()
+    return rule_of(layer.kind, layer.rule).untouched(values, extra, layer.start)
 
 
-def classes_of(kind: str, values: Values, extra: Mapping[str, Values] | None = None) -> Codes:
+def classes_of(layer: MapLayer) -> Codes:
     """UNKNOWN, FREE (probability below 0.45) or OCCUPIED (above 0.55) for each cell."""
-    probability = probability_of(kind, values, extra)
+    probability = layer.probability
     codes = np.zeros(probability.shape, np.uint8)
     codes[probability < np.float32(FREE_BELOW)] = FREE
     codes[probability > np.float32(OCCUPIED_ABOVE)] = OCCUPIED
-    codes[never_seen(kind, values, extra)] = UNKNOWN
+    codes[never_seen(layer)] = UNKNOWN
     return codes
 
 
@@ -155,16 +143,23 @@ def value_layer(
     geometry: GridGeometry,
     values: Values,
     *,
+    rule: str = "",
+    start: float | None = None,
     extra: Mapping[str, Values] | None = None,
     lines: tuple[Line, ...] | None = None,
     borders: tuple[Outline, ...] | None = None,
     beam_width_rad: float | None = None,
 ) -> MapLayer:
-    """A layer of values (rows, cols) in the unit ``kind``, with its classes."""
-    return MapLayer(
-        name, kind, geometry, values, classes_of(kind, values, extra), start_of(kind), lines,
-        borders, extra=extra or {}, beam_width_rad=beam_width_rad,
+    """A layer of values (rows, cols) in the unit ``kind``, with its classes.
+
+    ``rule`` and ``start`` are the rule's name and what a cell began with, where the source tells.
+    """
+    start = rule_of(kind, rule).start_value if start is None else start
+    layer = MapLayer(
+        name, kind, geometry, values, np.zeros(values.shape, np.uint8), start, lines, borders,
+        rule=rule, extra=extra or {}, beam_width_rad=beam_width_rad,
     )  # fmt: skip
+    return replace(layer, classes=classes_of(layer))
 
 
 def line_of(segment: Segment) -> Line:

@@ -1,8 +1,9 @@
 """One picture of a comparison: for each layer A, B and their difference side by side.
 
 Greys are probabilities as everywhere (white free, black occupied); what was never seen is
-blue-grey. In the difference, red cells are fuller in B and blue ones emptier, over the walls that
-both share in grey. Walls that changed are outlined, and so is the cell that differs most.
+blue-grey. In the difference, red cells are more occupied in B and blue ones more free, over the
+walls that both share in grey. Walls that changed are outlined, and so is the cell that differs
+most.
 """
 
 from __future__ import annotations
@@ -16,16 +17,16 @@ from PIL import Image, ImageDraw, ImageFont
 from mapping.grid import Window
 from recorder.errors import BadInput
 from recorder.outputs import written_beside
-from replay.diff.alignment import Aligned
+from replay.diff.alignment import Aligned, Shades
 from replay.diff.cells import distances
 from replay.diff.comparing import LayerReport, Report
-from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Codes, Values, probability_of
+from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Codes
 from replay.diff.patches import Ends
 
 Pixels = NDArray[np.uint8]
 
 _UNSEEN, _PAPER, _INK = (150, 158, 178), (255, 255, 255), (20, 20, 20)
-_FULLER, _EMPTIER, _BOTH = (214, 39, 40), (31, 100, 210), (190, 190, 190)
+_MORE_OCCUPIED, _MORE_FREE, _BOTH = (214, 39, 40), (31, 100, 210), (190, 190, 190)
 _GONE, _COME, _WORST = (255, 127, 14), (44, 140, 44), (160, 32, 200)
 _PANEL_PX, _HIGHEST_PX, _LARGEST_CELL_PX = 400, 400, 24.0
 _GAP_PX, _TEXT_PX = 16, 17
@@ -33,8 +34,9 @@ _AIR_CELLS = 3  # around what was seen
 _MOST_LAYERS = 4
 _CLASS_SHADE = {FREE: 0.0, OCCUPIED: 1.0}
 _LEGEND = (
-    (_PAPER, "free"), ((0, 0, 0), "occupied"), (_UNSEEN, "never seen"), (_FULLER, "fuller in B"),
-    (_EMPTIER, "emptier in B"), (_BOTH, "occupied in both"), (_GONE, "wall only in A"),
+    (_PAPER, "free"), ((0, 0, 0), "occupied"), (_UNSEEN, "never seen"),
+    (_MORE_OCCUPIED, "more occupied in B"),
+    (_MORE_FREE, "more free in B"), (_BOTH, "occupied in both"), (_GONE, "wall only in A"),
     (_COME, "wall only in B"), (_WORST, "the cell that differs most"),
 )  # fmt: skip
 
@@ -46,7 +48,7 @@ def draw(report: Report) -> Image.Image:
     rows = [_row(layer, report) for layer in chosen]
     font = _font()
     width = max(row.width for row in rows)
-    verdict = _wrapped("verdict: " + report.verdict.words, width - 2 * _GAP_PX, font)
+    verdict = _wrapped("verdict: " + report.verdict.text, width - 2 * _GAP_PX, font)
     head = [f"A: {report.a.path.name}   B: {report.b.path.name}", *verdict]
     line = _TEXT_PX + 7
     legend = _legend(width)
@@ -80,8 +82,8 @@ def _row(layer: LayerReport, report: Report) -> Image.Image:
     panels = [
         _enlarged(pixels, window, scale)
         for pixels in (
-            map_pixels(pair.a_values, pair.a_classes, layer),
-            map_pixels(pair.b_values, pair.b_classes, layer),
+            map_pixels(pair.a_shades, pair.a_classes, by_class=pair.by_class),
+            map_pixels(pair.b_shades, pair.b_classes, by_class=pair.by_class),
             difference_pixels(pair),
         )
     ]
@@ -104,29 +106,29 @@ def _row(layer: LayerReport, report: Report) -> Image.Image:
     return row
 
 
-def map_pixels(values: Values, classes: Codes, layer: LayerReport) -> Pixels:
+def map_pixels(shades: Shades, classes: Codes, *, by_class: bool) -> Pixels:
     """A layer as grey probabilities, (rows, cols, 3), row 0 at the lowest y."""
-    if layer.by_class:
+    if by_class:
         shade = np.full(classes.shape, 0.5)
         for code, value in _CLASS_SHADE.items():
             shade[classes == code] = value
     else:
-        shade = np.nan_to_num(probability_of(layer.kind, values), nan=0.5)
+        shade = np.nan_to_num(shades, nan=0.5)
     grey = np.round(255.0 * (1.0 - np.clip(shade, 0.0, 1.0))).astype(np.uint8)
     pixels = np.repeat(grey[..., None], 3, axis=2)
     unseen = classes == UNKNOWN
-    if not layer.by_class:
-        unseen &= shade == (0.5 if layer.kind in ("probability", "odds", "mass") else 0.0)
+    if not by_class:
+        unseen &= np.isnan(shades)
     pixels[unseen] = _UNSEEN
     return pixels
 
 
 def difference_pixels(pair: Aligned) -> Pixels:
-    """Red and blue by how much fuller or emptier a cell is in B, (rows, cols, 3)."""
+    """Red and blue by how much more occupied or more free a cell is in B, (rows, cols, 3)."""
     away = distances(pair.a_values, pair.b_values)
     sign = np.sign(np.nan_to_num(np.asarray(pair.b_values, np.float64) - pair.a_values))
     if pair.by_class:
-        # From unknown to free is emptier; the codes alone would say fuller.
+        # From unknown to free is more free; by the codes alone it would be more occupied.
         order = np.array([0.5, 0.0, 1.0])
         sign = np.sign(order[pair.b_classes] - order[pair.a_classes])
     largest = float(np.max(away, initial=0.0, where=np.isfinite(away)))
@@ -135,7 +137,7 @@ def difference_pixels(pair: Aligned) -> Pixels:
     strength = np.where(away > 0.0, 0.12 + 0.88 * np.sqrt(strength), 0.0)[..., None]
     paper = np.full((*away.shape, 3), 255.0)
     paper[(pair.a_classes == OCCUPIED) & (pair.b_classes == OCCUPIED)] = _BOTH
-    ink = np.where((sign >= 0)[..., None], np.array(_FULLER), np.array(_EMPTIER))
+    ink = np.where((sign >= 0)[..., None], np.array(_MORE_OCCUPIED), np.array(_MORE_FREE))
     mixed: Pixels = np.round(paper * (1.0 - strength) + ink * strength).astype(np.uint8)
     return mixed
 
@@ -176,7 +178,7 @@ def _mark(
     def stroke(ends: Ends, colour: tuple[int, int, int]) -> None:
         pen.line([pixel(*end) for end in ends], fill=colour, width=4)
 
-    for change in report.verdict.changes if _tells(layer, report) else ():
+    for change in report.verdict.changes if _has_changes(layer, report) else ():
         if change.from_m:
             stroke(change.from_m, _GONE)
         if change.to_m:
@@ -187,7 +189,7 @@ def _mark(
         pen.ellipse((x - r, y - r, x + r, y + r), outline=_WORST, width=3)
 
 
-def _tells(layer: LayerReport, report: Report) -> bool:
+def _has_changes(layer: LayerReport, report: Report) -> bool:
     return any(change.layer == layer.name for change in report.verdict.changes)
 
 

@@ -29,9 +29,9 @@ Floats = NDArray[np.float64]
 # Walls of one room lie this near each other, whichever is more: metres, cells, and so many times
 # the third quartile of what the two maps' own walls lie apart (less than a quarter will be new).
 NOISE_M, NOISE_CELLS, NOISE_QUARTILES = 0.06, 3.0, 3.0
-MOST_NOISE_M = 0.2  # a layer noisier than this does not tell whether a wall moved
+MOST_NOISE_M = 0.2  # a layer noisier than this cannot show whether a wall moved
 _SAME_ROOM = 0.6  # of the occupied cells that the other has seen lie near its walls
-_SAID = 3  # changes that are put in words
+_DESCRIBED = 3  # changes that the text describes
 _MOST_FOR_SHIFT = 4_000_000  # cells
 
 SAME, SAME_ROOM, WALL_MOVED, OTHER = "same", "same room", "wall moved", "different"
@@ -44,7 +44,7 @@ class LayerVerdict:
     ``near_a``: those of A within ``near_m`` of B's; None where there are none to look at.
     ``noise_m``: what these two maps' walls lie apart without having moved.
     ``depth_m``: how deep the occupied cells lie in their walls, in the mean: small in sharp maps.
-    ``beam_width_rad``: that of the layer's sensor; None where it is not told, or there are many.
+    ``beam_width_rad``: that of the layer's sensor; None where it is not known, or there are many.
     """
 
     near_m: float
@@ -58,15 +58,15 @@ class LayerVerdict:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The whole in words: ``kind`` is one of same, same room, wall moved, different."""
+    """The whole as text: ``kind`` is one of same, same room, wall moved, different."""
 
     kind: str
-    words: str
+    text: str
     changes: tuple[WallChange, ...]
 
 
 def layer_verdict(name: str, pair: Aligned, beam_width_rad: float | None = None) -> LayerVerdict:
-    """What the differences of one layer say about its walls."""
+    """What the differences of one layer mean for its walls."""
     resolution = pair.geometry.resolution_m
     a, b = pair.a_classes == OCCUPIED, pair.b_classes == OCCUPIED
     least_m = max(NOISE_M, NOISE_CELLS * resolution)
@@ -88,7 +88,7 @@ def layer_verdict(name: str, pair: Aligned, beam_width_rad: float | None = None)
 def overall(
     layers: Mapping[str, LayerVerdict], *, any_differs: bool, pairs: Mapping[str, Aligned]
 ) -> Verdict:
-    """One verdict from those of all layers; the sharpest tells which walls changed."""
+    """One verdict from those of all layers; the sharpest decides which walls changed."""
     if not any_differs:
         return Verdict(SAME, "same", ())
     shares = [s for v in layers.values() for s in (v.near_a, v.near_b) if s is not None]
@@ -97,24 +97,24 @@ def overall(
     best = max(layers, key=lambda name: _agreement(layers[name]))
     agreement = _agreement(layers[best])
     if agreement < _SAME_ROOM:
-        words = (
+        text = (
             f"different: of the occupied cells that both have seen, only {agreement:.0%} lie "
             f"within {layers[best].near_m:.2g} m of the other's (layer {best}): another room, or "
             "poses that do not fit"
         )
-        return Verdict(OTHER, words + _shift_words(pairs[best]), ())
-    changes = _told(layers, pairs)
+        return Verdict(OTHER, text + _shift_text(pairs[best]), ())
+    changes = _all_changes(layers, pairs)
     if changes:
-        return Verdict(WALL_MOVED, _changes_words(changes), changes)
-    words = (
+        return Verdict(WALL_MOVED, _changes_text(changes), changes)
+    text = (
         f"same room, these cells differ: {agreement:.0%} of the occupied cells lie within "
         f"{layers[best].near_m:.2g} m of the other's (layer {best}), and no wall of layer "
         f"{sharpest_first(layers)[0]} stands where the other map is free"
     )
-    return Verdict(SAME_ROOM, words, ())
+    return Verdict(SAME_ROOM, text, ())
 
 
-def _told(
+def _all_changes(
     layers: Mapping[str, LayerVerdict], pairs: Mapping[str, Aligned]
 ) -> tuple[WallChange, ...]:
     """What the sharpest layer saw change; of others only what it knows nothing of.
@@ -123,20 +123,20 @@ def _told(
     beam draws echoes rather than walls.
     """
     order = sharpest_first(layers)
-    told = list(layers[order[0]].changes)
+    changes = list(layers[order[0]].changes)
     spaces = (CommonSpace.of(pairs[name]) for name in order)
     space = next((each for each in spaces if each is not None), None)
     if space is None:
-        return tuple(told)
+        return tuple(changes)
     for number, name in enumerate(order[1:], start=1):
         noise_m, sharper = layers[name].noise_m, [pairs[each] for each in order[:number]]
-        told += [
+        changes += [
             change
             for change in layers[name].changes
             if lies_within(change, space, noise_m)
             and all(saw_nothing_at(change, pair) for pair in sharper)
         ]
-    return tuple(told)
+    return tuple(changes)
 
 
 def sharpest_first(layers: Mapping[str, LayerVerdict]) -> list[str]:
@@ -153,14 +153,14 @@ def sharpest_first(layers: Mapping[str, LayerVerdict]) -> list[str]:
     return sorted(layers, key=blur)
 
 
-def _changes_words(changes: tuple[WallChange, ...]) -> str:
-    said = [change_words(change) for change in changes[:_SAID]]
-    more = len(changes) - _SAID
-    return "; ".join([*said, f"and {more} more places"] if more > 0 else said)
+def _changes_text(changes: tuple[WallChange, ...]) -> str:
+    texts = [change_text(change) for change in changes[:_DESCRIBED]]
+    more = len(changes) - _DESCRIBED
+    return "; ".join([*texts, f"and {more} more places"] if more > 0 else texts)
 
 
-def change_words(change: WallChange) -> str:
-    """One wall in words, with its place; carefully where the piece is short."""
+def change_text(change: WallChange) -> str:
+    """One wall as text, with its place; carefully where the piece is short."""
     short = "" if change.sure else f", a short piece of {change.length_m:.2f} m"
     source = f"(layer {change.layer}{short})"
     if change.what == "moved" and change.from_m and change.to_m:
@@ -193,7 +193,7 @@ def _share(near: Flags, of: Flags) -> float | None:
     return int(np.count_nonzero(near & of)) / number if number else None
 
 
-def _shift_words(pair: Aligned) -> str:
+def _shift_text(pair: Aligned) -> str:
     """Whether one map pushed along as a whole would lie on the other; empty where it would not."""
     a, b = pair.a_classes == OCCUPIED, pair.b_classes == OCCUPIED
     if a.size > _MOST_FOR_SHIFT or not a.any() or not b.any():

@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 # Shorter patches are not called walls: in metres, in noises, and in mean depths of a wall. (The
 # cells of a band are a quarter of its width deep in the mean: one and a half widths.)
 _LEAST_WALL_M, _LEAST_WALL_NOISES, _LEAST_WALL_DEPTHS = 0.15, 2.0, 6.0
-_SURE = 2.0  # a piece so many times as long as the shortest wall is told without a "may"
+_SURE = 2.0  # a piece so many times as long as the shortest wall is reported without a "may"
 _LEAST_CELLS = 5
 _BESIDE_M, _BESIDE_DEPTHS = 0.1, 2.0  # free space beside a wall, from its axis: half a wall more
 _SEEN = 0.1  # a place of which less was seen was not seen
@@ -142,7 +142,7 @@ def _change(
 
 
 def _each_once(changes: list[WallChange]) -> tuple[WallChange, ...]:
-    """A wall that both maps tell of is told once, the longest first."""
+    """A wall that both maps show is reported once, the longest first."""
     kept: list[WallChange] = []
     for change in sorted(changes, key=lambda each: -each.length_m):
         if not any(_one_wall(change, other) for other in kept):

@@ -27,15 +27,15 @@ _LATE = 100  # messages that wait: from here on the follower should hurry
 _LOOK_S = 0.5  # how often a follower looks whether the giver is still there
 
 Work = Callable[[Iterator[Message], Callable[[], bool]], str]
-"""What a follower does with the messages; the second argument says whether it is late. It returns
-what is to be told at the end. It must be known by its name, as it goes to another process."""
+"""What a follower does with the messages; the second argument is whether it is late. It returns
+the report to print at the end. It must be importable by its name, as it goes to another process."""
 
 
 @dataclass(frozen=True, slots=True)
 class LiveEnd:
-    """How following ended: what there is to tell, why it failed (if so), what it did not get."""
+    """How following ended: its report, why it failed (if so), how many messages it did not get."""
 
-    told: str
+    report: str
     failure: str
     not_followed: int
 
@@ -83,7 +83,7 @@ class LiveFeed:
 
     def offer(self, message: Message) -> None:
         """Hand over a message, or count it when there is no room; returns at once."""
-        if isinstance(message, RawLine | Diagnostics):  # they say nothing to a map
+        if isinstance(message, RawLine | Diagnostics):  # no use to a map
             return
         try:
             self._queue.put_nowait(message)
@@ -99,14 +99,14 @@ class LiveFeed:
                 break
             except queue.Full:
                 continue
-        told, failure = "", "it did not come to an end in time"
+        report, failure = "", "it did not come to an end in time"
         try:
             if self._answer.poll(max(end_s - time.monotonic(), 0.0)):
-                told, failure = self._answer.recv()
+                report, failure = self._answer.recv()
         except EOFError:
             self._process.join(1.0)
             failure = f"its process ended (exit code {self._process.exitcode})"
-        return LiveEnd(told, failure, self.not_followed)
+        return LiveEnd(report, failure, self.not_followed)
 
 
 def _follow(work: Work, incoming: Queue[Message | None], answer: Connection) -> None:
@@ -126,7 +126,7 @@ def _follow(work: Work, incoming: Queue[Message | None], answer: Connection) -> 
 
 
 def _messages(incoming: Queue[Message | None]) -> Iterator[Message]:
-    """What comes, until the giver says that it was all, or is gone."""
+    """What comes, until the giver marks the end, or is gone."""
     giver = multiprocessing.parent_process()
     while True:
         try:

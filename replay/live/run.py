@@ -6,19 +6,26 @@ Whatever becomes of the other two, the recording goes on and loses nothing.
 from __future__ import annotations
 
 import functools
+import os
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.artifacts import Finished, Snapshot
 from mapping.config import MappingConfig
+from mapping.config_text import commented_toml
+from mapping.live_pipeline import build_live_maps
 from recorder.messages import Message
-from recorder.recording import RecordingStatus, Session
-from recorder.recording_options import RecordingOptions
-from recorder.recording_run import record_line
+from recorder.recording import RecordingStatus, SessionSink
+from recorder.recording.options import RecordingOptions
+from recorder.recording.run import record_line
 from recorder.translation import RecordingCounters
 from replay.live.feed import CAPACITY, LiveEnd, LiveFeed, Work
-from replay.live.show import show_live
+from replay.terminal import map_lines
 
 PATIENCE_S = 60.0  # for the last results, once the recording has ended
 
@@ -46,9 +53,9 @@ def record_and_show(
     capacity: int = CAPACITY,
     on_follower: Callable[[int | None], None] | None = None,
 ) -> LiveResult:
-    """Record a line as :func:`recorder.recording_run.record_line` does, and show its map meanwhile.
+    """Record a line as :func:`recorder.recording.run.record_line` does, and show its map meanwhile.
 
-    The map goes to the viewer at ``viewer_url``; ``on_follower`` is told the number of the process
+    The map goes to the viewer at ``viewer_url``; ``on_follower`` gets the number of the process
     that makes it. Raises what ``record_line`` raises.
     """
     with LiveFeed(_work(options, config, viewer_url, output.name), capacity=capacity) as feed:
@@ -64,7 +71,7 @@ def record_and_show(
 class _Tee:
     """A session whose messages are offered to a follower once they are written."""
 
-    def __init__(self, session: Session, feed: LiveFeed) -> None:
+    def __init__(self, session: SessionSink, feed: LiveFeed) -> None:
         self._session, self._feed = session, feed
 
     def write(self, message: Message, *, log_ns: int) -> None:
@@ -80,7 +87,39 @@ class _Tee:
 def _work(options: RecordingOptions, config: MappingConfig, viewer_url: str, name: str) -> Work:
     walls_m = None
     if options.walls is not None:
-        from recorder.simulator.room_files import walls_from_geojson
+        from recorder.truth import walls_from_geojson
 
         walls_m = walls_from_geojson(options.walls)
     return functools.partial(show_live, url=viewer_url, config=config, walls_m=walls_m, name=name)
+
+
+def show_live(
+    messages: Iterator[Message],
+    is_late: Callable[[], bool],
+    *,
+    url: str,
+    config: MappingConfig,
+    walls_m: NDArray[np.float64] | None,
+    name: str,
+) -> str:
+    """Map what comes, show it in the viewer at ``url``, and return a report of what came of it.
+
+    A viewer that is closed meanwhile ends nothing. Raises BadInput when nothing could be mapped.
+    """
+    # A viewer that was closed is reported by Rerun itself, in its own log lines, over and over.
+    os.environ.setdefault("RUST_LOG", "off")
+    from replay.rrd.live import LiveWriter
+
+    writer = LiveWriter(url, config_text=commented_toml(config), name=name)
+    last: Snapshot | None = None
+    finished: Finished | None = None
+    for artifact in build_live_maps(messages, config, walls_m=walls_m, is_late=is_late):
+        writer(artifact)
+        if isinstance(artifact, Snapshot):
+            last = artifact
+        elif isinstance(artifact, Finished):
+            finished = artifact
+    writer.close()
+    if last is None or finished is None:
+        return ""
+    return "\n".join(map_lines(last.layer, finished))

@@ -34,7 +34,7 @@ class Batches:
         self.file, self.root, self._indexed = file, root, indexed
 
     def one_text(self, entity: str, component: str) -> str:
-        """A text that was said once; empty where it was not."""
+        """A text that was logged once; empty where it was not."""
         for batch in self.batches(entity, component):
             return str(batch.column(component)[0].as_py()[0])
         return ""
@@ -74,7 +74,7 @@ def numbers_of(batch: pa.RecordBatch, component: str, i: int) -> NDArray[Any]:
 
 
 def quiet_reader(path: Path) -> RrdReader:
-    """Rerun warns of a file that was not ended; ``damaged`` says it instead."""
+    """Rerun warns of a file that was not ended; ``damaged`` reports it instead."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RerunWarning)
         return RrdReader(path)

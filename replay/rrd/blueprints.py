@@ -1,4 +1,4 @@
-"""How the viewer is laid out when a recording opens: the maps large, what happens in words beside.
+"""How the viewer is laid out when a recording opens: the maps large, what happens as text beside.
 
 Opens paused at the first step. The sensors' maps stand side by side, so that every step shows
 something happen; the fused map, the classes and what each reading changed are tabs above.
@@ -6,8 +6,10 @@ something happen; the fused map, the classes and what each reading changed are t
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Literal
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -42,24 +44,46 @@ def default_blueprint(
     happened last.
     """
     tabs = [*_tabs(started, displays), *_threshold_tab(started, thresholds)]
+    side = [_plots(probes), _papers(probes)]
+    return _laid_out(tabs, side, [4, 3, 4], "following" if following else "paused")
+
+
+def comparison_blueprint(started: Mapping[str, Started]) -> rrb.Blueprint:
+    """The layout for several maps of one session, by name, from how each of them starts.
+
+    A tab for each layer shows that layer of every map, at the same scale and at the same place, so
+    that the eye can go from one to the next.
+    """
+    geometry = _around([one.geometry for one in started.values()])
+    layers = list(dict.fromkeys(layer for one in started.values() for layer in one.layers))
+    tabs = []
+    for layer in layers:
+        views: list[rrb.View] = [
+            layer_view(layer, geometry, name=f"{name}: {layer}", root=layout.root_of(name))
+            for name, one in started.items()
+            if layer in one.layers
+        ]
+        tabs.append(beside(layer, views, geometry))
+    first = layout.root_of(next(iter(started)))
+    papers = _papers((), "Configurations")
+    return _laid_out(tabs, [_range_plot(first), papers], [5, 2, 3])
+
+
+def _laid_out(
+    tabs: Sequence[rrb.View | rrb.Container],
+    side: Sequence[rrb.View | rrb.Container],
+    side_shares: Sequence[int],
+    play_state: Literal["following", "paused"] = "paused",
+) -> rrb.Blueprint:
+    """The maps large; beside them what the step does, and below that the ``side``."""
+    text = rrb.TextDocumentView(origin=layout.EXPLANATION, name="What this step does")
+    beside_maps = rrb.Vertical(text, *side, row_shares=list(side_shares))
     return rrb.Blueprint(
-        rrb.Horizontal(
-            rrb.Tabs(*tabs, active_tab=0),
-            rrb.Vertical(
-                rrb.TextDocumentView(origin=layout.EXPLANATION, name="What this step does"),
-                _plots(probes),
-                _papers(probes),
-                row_shares=[4, 3, 4],
-            ),
-            column_shares=[7, 3],
-        ),
-        rrb.TimePanel(
-            timeline=layout.STEP, play_state="following" if following else "paused",
-            state="collapsed", fps=4.0,
-        ),
+        rrb.Horizontal(rrb.Tabs(*tabs, active_tab=0), beside_maps, column_shares=[7, 3]),
+        rrb.TimePanel(timeline=layout.STEP, play_state=play_state, state="collapsed", fps=4.0),
         rrb.SelectionPanel(state="collapsed"),
         rrb.BlueprintPanel(state="collapsed"),
-    )  # fmt: skip
+    )
 
 
 def _tabs(started: Started, displays: Sequence[str]) -> list[rrb.View | rrb.Container]:
@@ -96,10 +120,6 @@ def _threshold_tab(started: Started, thresholds: Sequence[float]) -> list[rrb.Co
 
 def _plots(probes: Sequence[str]) -> rrb.View | rrb.Container:
     """Ranges over time; with watched cells, their beliefs before them."""
-    ranges = rrb.TimeSeriesView(
-        origin=layout.RANGES, name=RANGES,
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
-    )  # fmt: skip
     beliefs = [
         rrb.TimeSeriesView(
             origin=f"{layout.probe(number)}/belief", name=f"Belief in the cell at {name}",
@@ -109,7 +129,15 @@ def _plots(probes: Sequence[str]) -> rrb.View | rrb.Container:
         )
         for number, name in enumerate(probes)
     ]  # fmt: skip
+    ranges = _range_plot()
     return rrb.Tabs(*beliefs, ranges, active_tab=0) if beliefs else ranges
+
+
+def _range_plot(root: str = "") -> rrb.View:
+    return rrb.TimeSeriesView(
+        origin=f"{root}{layout.RANGES}", name=RANGES,
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+    )  # fmt: skip
 
 
 def _whole_run() -> rr.TimeRange:
@@ -117,18 +145,18 @@ def _whole_run() -> rr.TimeRange:
     return rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
 
 
-def _papers(probes: Sequence[str]) -> rrb.Container:
+def _papers(probes: Sequence[str], config: str = "Configuration") -> rrb.Container:
     """What can be read beside the maps; with watched cells, their stories before the rest."""
-    told: list[rrb.View] = []
+    stories: list[rrb.View] = []
     for number, name in enumerate(probes):
-        told.append(
+        stories.append(
             rrb.TextDocumentView(origin=layout.probe_story(number), name=f"Why is {name} so?")
         )
-        told.append(rrb.TextLogView(origin=layout.probe_log(number), name=f"Readings at {name}"))
+        stories.append(rrb.TextLogView(origin=layout.probe_log(number), name=f"Readings at {name}"))
     return rrb.Tabs(
-        *told,
+        *stories,
         rrb.TextDocumentView(origin=layout.LEGEND, name="What the colours mean"),
-        rrb.TextDocumentView(origin=layout.CONFIG, name="Configuration"),
+        rrb.TextDocumentView(origin=layout.CONFIG, name=config),
         rrb.TextLogView(origin=layout.NOTICE, name="Left out"),
         active_tab=0,
     )
@@ -171,6 +199,15 @@ def _columns(count: int, geometry: GridGeometry) -> int:
     return max(range(1, count + 1), key=lambda columns: _fit(count, columns, geometry))
 
 
+def _around(geometries: Sequence[GridGeometry]) -> GridGeometry:
+    """A grid about as large as all of them together: what every view shows."""
+    low = np.min([each.origin_m for each in geometries], axis=0)
+    high = np.max([np.add(each.origin_m, each.size_m) for each in geometries], axis=0)
+    resolution = min(each.resolution_m for each in geometries)
+    cols, rows = (max(round(float(size) / resolution), 1) for size in high - low)
+    return GridGeometry((float(low[0]), float(low[1])), resolution, rows, cols)
+
+
 def _fit(count: int, columns: int, geometry: GridGeometry) -> float:
     width, height = geometry.size_m
     rows = -(-count // columns)
@@ -186,7 +223,7 @@ def layer_view(
     changes: bool = False,
     root: str = "",
 ) -> rrb.Spatial2DView:
-    """One layer with its overlays; ``changes`` shows what a reading changed, not what it says.
+    """One layer with its overlays; ``changes`` shows what a reading changed, not its evidence.
 
     The other ways to draw it lie over it, hidden; switch one on in the viewer's list of entities.
     ``root`` is what one of several maps in the recording lies below.

@@ -1,13 +1,8 @@
-"""Rows wait here, by entity, and go to the file many at a time.
-
-Calling the viewer's ``log`` once for each thing of each step would take far longer, and versions
-of one tile that lie next to each other compress far better. A *pack* turns the values of many rows
-into columns; it knows what an entity looks like and nothing of when.
-"""
+"""From the values of many rows to columns of the recording, a *pack* for each kind of thing."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,70 +11,7 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
-from replay.rrd import layout
-
-Columns = list[rr.ComponentColumn]
-Pack = Callable[[Sequence[Any]], Columns]
-
-
-@dataclass(frozen=True, slots=True)
-class Stamp:
-    """When something is shown, on each of the three timelines."""
-
-    step: int
-    reading: int
-    t_ns: int
-
-
-class ColumnBuffer:
-    """Rows by entity and pack, until they are sent.
-
-    ``bytes`` is roughly what waits, ``chunks`` how many were sent; ``exact_bytes`` is what exact
-    values took of all that was ever added.
-    """
-
-    def __init__(self, recording: rr.RecordingStream) -> None:
-        self._recording = recording
-        self._rows: dict[tuple[str, Pack], tuple[list[Stamp], list[Any]]] = {}
-        self._before_sending: list[Callable[[], None]] = []
-        self.bytes = 0
-        self.chunks = 0
-        self.exact_bytes = 0
-
-    def add(self, entity: str, pack: Pack, stamp: Stamp, value: Any, size: int = 64) -> None:
-        """Keep one row; ``size`` is how many bytes its value takes."""
-        stamps, values = self._rows.setdefault((entity, pack), ([], []))
-        stamps.append(stamp)
-        values.append(value)
-        self.bytes += size
-
-    def before_sending(self, last_call: Callable[[], None]) -> None:
-        """Call this before rows are sent, to add what was held back."""
-        self._before_sending.append(last_call)
-
-    def send(self) -> None:
-        """Hand all rows to the recording, as one chunk for each entity and pack.
-
-        The records of the steps go last: a file that was cut off never tells of a step whose
-        values it lost.
-        """
-        for last_call in self._before_sending:
-            last_call()
-        in_order = sorted(self._rows.items(), key=lambda rows: rows[0][0] == layout.STEPS)
-        for (entity, pack), (stamps, values) in in_order:
-            self._recording.send_columns(entity, _indexes(stamps), pack(values), strict=True)
-        self.chunks += len(self._rows)
-        self._rows.clear()
-        self.bytes = 0
-
-
-def _indexes(stamps: list[Stamp]) -> list[rr.TimeColumn]:
-    times = np.array([stamp.t_ns for stamp in stamps], np.int64)
-    return [
-        rr.TimeColumn(layout.STEP, sequence=[stamp.step for stamp in stamps]),
-        rr.TimeColumn(layout.READING, sequence=[stamp.reading for stamp in stamps]),
-        rr.TimeColumn(layout.TIME, timestamp=times.view("datetime64[ns]")),
-    ]
+from replay.rrd.sink import Columns
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +54,7 @@ def image_format(shape: tuple[int, ...]) -> rr.components.ImageFormat:
 
 
 def class_images(rows: Sequence[NDArray[np.uint8]]) -> Columns:
-    """Pictures (rows, cols) of classes whose place and size were said once for the entity."""
+    """Pictures (rows, cols) of classes whose place and size were logged once for the entity."""
     flat = np.concatenate([row.ravel() for row in rows])
     return [rr.ComponentColumn(_BUFFER, _Arrow(_blobs(flat, [row.size for row in rows])))]
 
@@ -161,7 +93,7 @@ def float32_values(rows: Sequence[NDArray[np.float32]]) -> Columns:
 
 
 def texts(rows: Sequence[str]) -> Columns:
-    """Text as markdown; the media type was said once for the entity."""
+    """Text as markdown; the media type was logged once for the entity."""
     return list(rr.TextDocument.columns(text=rows))
 
 
@@ -269,8 +201,8 @@ def layer_records(rows: Sequence[LayerRecord]) -> Columns:
     ]
 
 
-def history_records(rows: Sequence[bytes]) -> Columns:
-    """What readings did to a layer's values, exactly; see :mod:`replay.rrd.history`."""
+def log_records(rows: Sequence[bytes]) -> Columns:
+    """What readings did to a layer's values, exactly; see :mod:`replay.rrd.value_log`."""
     return [_joined("history", [np.frombuffer(row, np.uint8) for row in rows])]
 
 

@@ -1,185 +1,134 @@
 """Several runs of one session → one recording that shows them side by side, in step.
 
 Each run is drawn below its own root, just as it would be alone. What is shared stands above them:
-one text that tells what each map made of the step, and the budget, so that the same readings are
-shown of all.
+one text on what each map made of the step, and the budget, so that the same readings are shown of
+all.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mapping.artifacts import Artifact, MergedGrid, Snapshot, Started, TempGrid
+from mapping.artifacts import MergedGrid, Snapshot, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config_text import commented_toml
 from replay.comparison import Variant
-from replay.comparison_steps import Distances, Moment, readings_of
+from replay.comparison_steps import Distances, Moment, beams_of
 from replay.rrd import columns, layout, scene
+from replay.rrd.blueprints import comparison_blueprint
 from replay.rrd.canvas import Canvas
-from replay.rrd.columns import ColumnBuffer, Stamp
-from replay.rrd.comparison_blueprint import comparison_blueprint
-from replay.rrd.comparison_words import Told, describe_moment
-from replay.rrd.rooted import RootedStream, root_of
-from replay.rrd.thinning import Thinning
-from replay.rrd.words import LEGEND
+from replay.rrd.comparison_explanation import Compared, describe_moment
+from replay.rrd.run_drawer import RunDrawer
+from replay.rrd.sink import RowBuffer, Sink, Stamp
+from replay.rrd.thinning import Detail
 from replay.rrd.writer import RrdWriter
 
 _FEWEST_READINGS = 20  # between two looks at the file's size: each reading comes in every map
-_SAID_ONCE = (layout.EXPLANATION, layout.LEGEND, layout.CONFIG, layout.NOTICE)
+_SHARED = (layout.EXPLANATION, layout.LEGEND, layout.CONFIG, layout.NOTICE)
 
 
-class ComparisonWriter(RrdWriter):
-    """Write a recording of several runs: hand :meth:`take` each moment of them.
+class ComparisonDrawer:
+    """Draws what happens at each moment, in all runs that take part, as one step."""
 
-    Arguments and errors are those of :class:`RrdWriter`; the budget is that of the whole file.
-    """
-
-    def __init__(
-        self,
-        path: str | os.PathLike[str],
-        variants: Sequence[Variant],
-        *,
-        name: str,
-        every: int = 1,
-        budget_mb: float = 100.0,
-        flush_readings: int = 1600,
-    ) -> None:
-        text = "\n\n".join(f"# {v.name}\n\n{commented_toml(v.config)}" for v in variants)
-        super().__init__(
-            path, config_text=text, name=name, every=every, budget_mb=budget_mb,
-            flush_readings=max(flush_readings // max(len(variants), 1), _FEWEST_READINGS),
-        )  # fmt: skip
+    def __init__(self, variants: Sequence[Variant]) -> None:
         self._variants = {variant.name: variant for variant in variants}
-        self._runs: dict[str, _Run] = {}
+        self._drawers: dict[str, RunDrawer] = {}
         self._begun: dict[str, Started] = {}
-        self._finals: dict[str, list[Snapshot]] = {variant.name: [] for variant in variants}
+        self._finals: dict[str, list[Snapshot]] = {name: [] for name in self._variants}
         self._distances = Distances()
         self._readings = 0
 
-    def take(self, moment: Moment) -> None:
-        """Show what happens at one moment, in all runs that take part, as the next step."""
+    def blueprint(self, first: Moment) -> rrb.Blueprint:
+        """The maps side by side. Raises TypeError for a moment that is not the start of all."""
+        return comparison_blueprint(_starts(first))
+
+    def begin(self, sink: Sink, first: Moment) -> None:
+        """Lay out the empty maps, each below its own root."""
+        self._begun = _starts(first)
+        self._distances.take(first)
+        one = next(iter(self._begun.values()))
+        self.canvas = Canvas(sink, one.geometry, Stamp(0, 0, self.span_t_ns[0]))
+        for name, started in self._begun.items():
+            # The ranges are the same in all maps.
+            without = (*_SHARED, layout.RANGES) if self._drawers else _SHARED
+            self._drawers[name] = RunDrawer(explain=False)
+            root = layout.root_of(name)
+            self._drawers[name].begin(Sink(sink.recording, root, without), started)
+        sink.log(layout.MAPS, rr.AnyValues(names=list(self._variants)))
+        configs = (f"# {v.name}\n\n{commented_toml(v.config)}" for v in self._variants.values())
+        scene.set_up_texts(sink, "\n\n".join(configs))
+        self._explain(first, "")
+
+    def draw(self, moment: Moment, detail: Detail) -> None:
+        """Draw the next step: in each run its artifact."""
         self._distances.take(moment)
-        started = {name: a for name, a in moment.items() if isinstance(a, Started)}
-        if started:
-            self._begin(started)
-        elif not self._runs:
-            raise TypeError("the first moment is the start of all runs")
-        else:
-            self._advance(moment)
-
-    def _begin(self, started: Mapping[str, Started]) -> None:
-        together = Started(
-            next(iter(started.values())).geometry,
-            tuple(dict.fromkeys(layer for one in started.values() for layer in one.layers)),
-            next(iter(started.values())).walls_m,
-            min(one.first_t_ns for one in started.values()),
-            max(one.last_t_ns for one in started.values()),
-        )
-        self._started, self._begun = together, dict(started)
-        recording = self._open(together)
-        self._recording = recording
-        self._canvas = Canvas(
-            recording, together.geometry, ColumnBuffer(recording),
-            layout.tiling_for(together.geometry), Stamp(0, 0, together.first_t_ns),
-        )  # fmt: skip
-        for name, one in started.items():
-            without = _SAID_ONCE if not self._runs else (*_SAID_ONCE, layout.RANGES)
-            stream = RootedStream(recording, root_of(name), without=without)
-            self._runs[name] = _Run(self, name, stream, self.thinning)
-            self._runs[name](one)
-        names = rr.AnyValues(names=list(self._variants))
-        recording.log(layout.MAPS, names, static=True, strict=True)
-        scene.set_up_story(recording, layout.EXPLANATION)
-        for entity, text, kind in (
-            (layout.LEGEND, LEGEND, "text/markdown"),
-            (layout.CONFIG, self._config_text, "text/plain"),
-        ):
-            recording.log(entity, rr.TextDocument(text, media_type=kind), static=True, strict=True)
-        self._tell(dict(started))
-        self._flush()
-
-    def _advance(self, moment: Moment) -> None:
-        beams = readings_of(moment)
-        stamp = self._canvas.stamp
-        stamp = Stamp(stamp.step + 1, stamp.reading, stamp.t_ns)
+        beams, stamp = beams_of(moment), self.canvas.stamp
+        reading, t_ns = stamp.reading, stamp.t_ns
         if beams:
-            self._review()
-            self._shown = self.thinning.next_is_shown()
-            stamp = Stamp(stamp.step, self._readings, beams[0].t_ns)
+            reading, t_ns = self._readings, beams[0].t_ns
             self._readings += 1
-        self._canvas.stamp = stamp
-        for name, run in self._runs.items():
+        self.canvas.stamp = stamp = Stamp(stamp.step + 1, reading, t_ns)
+        for name, drawer in self._drawers.items():
             if name in moment:
-                run.show(moment[name], stamp, shown=self._shown)
-            elif beams and self._shown:
-                run.rest(stamp)
+                drawer.draw_at(stamp, moment[name], detail)
+            elif beams and detail.shown:
+                drawer.clear_at(stamp)
         for name, artifact in moment.items():
             if isinstance(artifact, Snapshot) and artifact.final:
                 self._finals[name].append(artifact)
-        results = not any(_of_a_reading(artifact) for artifact in moment.values())
-        if self._shown or results:
-            self._tell(moment)
+        of_reading = (isinstance(a, Beam | TempGrid | MergedGrid) for a in moment.values())
+        if detail.shown or not any(of_reading):
+            self._explain(moment, detail.left_out)
 
-    def _tell(self, moment: Moment) -> None:
-        told = Told(
-            self._variants, self._begun, self._finals, self._distances, self.thinning.left_out
-        )
-        text = describe_moment(moment, told)
-        self._canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
-
-    def _blueprint(self, started: Started) -> rrb.Blueprint:
-        return comparison_blueprint(self._begun)
-
-    def _buffers(self) -> Sequence[ColumnBuffer]:
-        return (*(rows for run in self._runs.values() for rows in run.buffers), self._canvas.rows)
-
-    def _owed_bytes(self) -> int:
-        return sum(run.owed_bytes for run in self._runs.values())
-
-
-class _Run(RrdWriter):
-    """One of the runs, drawn as it would be alone; its file and its budget are the comparison's."""
-
-    def __init__(
-        self, whole: ComparisonWriter, name: str, stream: RootedStream, thinning: Thinning
-    ) -> None:
-        super().__init__(whole.path, config_text="", name=name)
-        self.thinning = thinning
-        self._stream = stream
-
-    def show(self, artifact: Artifact, stamp: Stamp, *, shown: bool) -> None:
-        """Draw an artifact at the step of all runs."""
-        self._canvas.stamp, self._shown = stamp, shown
-        self._show(artifact)
-
-    def rest(self, stamp: Stamp) -> None:
-        """Another run uses a reading that this one leaves out: take the last one's traces away."""
-        self._canvas.stamp = stamp
-        self._canvas.wipe()
+    @staticmethod
+    def begins_reading(moment: Moment) -> bool:
+        """Whether what comes before a moment is complete."""
+        return bool(beams_of(moment))
 
     @property
-    def buffers(self) -> Sequence[ColumnBuffer]:
-        """The rows that wait."""
-        return self._buffers()
+    def span_t_ns(self) -> tuple[int, int]:
+        """When the first and the last reading of all runs were taken."""
+        starts = self._begun.values()
+        return min(one.first_t_ns for one in starts), max(one.last_t_ns for one in starts)
 
     @property
-    def owed_bytes(self) -> int:
-        """What the end of this run will take in the file."""
-        return self._owed_bytes()
+    def buffers(self) -> tuple[RowBuffer, ...]:
+        """The rows of all maps that wait to be sent."""
+        each = (rows for drawer in self._drawers.values() for rows in drawer.buffers)
+        return (*each, self.canvas.rows)
 
-    def _open(self, started: Started) -> rr.RecordingStream:
-        return self._stream
+    def reserved_bytes(self) -> int:
+        """What the ends of all maps will add, however little is shown."""
+        return sum(drawer.reserved_bytes() for drawer in self._drawers.values())
 
-    def _explain(self, artifact: Artifact) -> None:
-        self._record_step(artifact)
+    def _explain(self, moment: Moment, left_out: str) -> None:
+        known = Compared(self._variants, self._begun, self._finals, self._distances, left_out)
+        text = describe_moment(moment, known)
+        self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
 
-    def _flush(self) -> None:
-        """The comparison does it for all."""
+
+def _starts(moment: Moment) -> dict[str, Started]:
+    started = {name: a for name, a in moment.items() if isinstance(a, Started)}
+    if not started:
+        raise TypeError("the first moment is the start of all runs")
+    return started
 
 
-def _of_a_reading(artifact: Artifact) -> bool:
-    return isinstance(artifact, Beam | TempGrid | MergedGrid)
+def comparison_writer(
+    path: str | os.PathLike[str],
+    variants: Sequence[Variant],
+    *,
+    name: str,
+    every: int = 1,
+    budget_mb: float = 100.0,
+    flush_readings: int = 1600,
+) -> RrdWriter[Moment]:
+    """A writer to be called with each moment of several runs; the budget is of the whole file."""
+    return RrdWriter(
+        path, ComparisonDrawer(variants), name=name, every=every, budget_mb=budget_mb,
+        flush_readings=max(flush_readings // max(len(variants), 1), _FEWEST_READINGS),
+    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A comparison as a recording: both maps and their difference side by side, and the words.
+"""A comparison as a recording: both maps and their difference side by side, and the verdict.
 
 For each layer the map plane holds three pictures, ``a``, ``b`` and ``difference``; beside each
 stand its exact values. Lines of both sides and walls that changed are drawn over them.
@@ -6,7 +6,6 @@ stand its exact values. Lines of both sides and walls that changed are drawn ove
 
 from __future__ import annotations
 
-import uuid
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +19,10 @@ from recorder.outputs import written_beside
 from replay.diff.comparing import LayerReport, Report
 from replay.diff.layers import Line
 from replay.diff.picture import difference_pixels, map_pixels
-from replay.diff.words import summary
-from replay.rrd import layout
+from replay.diff.report_text import summary
+from replay.rrd import layout, scene
 from replay.rrd.blueprints import whole_grid
+from replay.rrd.sink import Sink, new_recording
 
 _VERDICT = "/verdict"
 _GONE, _COME = (255, 127, 14, 255), (44, 140, 44, 255)
@@ -32,48 +32,46 @@ _SIDES = ("a", "b", "difference")
 
 def write_difference(report: Report, path: Path) -> None:
     """Write the recording, beside its name first. Raises BadInput where it cannot be written."""
-    recording = rr.RecordingStream("echogrid", recording_id=str(uuid.uuid4()))
-    recording.set_log_time_enabled(False)
+    recording = new_recording()
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with written_beside(path) as part:
             recording.save(part, default_blueprint=_blueprint(report))
             recording.send_recording_name(f"{report.a.path.name} and {report.b.path.name}")
-            _draw(recording, report)
+            _draw(Sink(recording), report)
             recording.flush()
             recording.disconnect()
     except (OSError, RuntimeError) as error:
         raise BadInput(f"{path}: cannot be written: {error}") from None
 
 
-def _draw(recording: rr.RecordingStream, report: Report) -> None:
-    y_up = [[1, 0, 0], [0, -1, 0], [0, 0, 1]]
-    recording.log(layout.MAP, rr.Transform3D(mat3x3=y_up), static=True)
+def _draw(sink: Sink, report: Report) -> None:
+    scene.set_up_plane(sink)
     text = "\n\n".join(line.strip() for line in summary(report))
-    recording.log(_VERDICT, rr.TextDocument(text, media_type="text/markdown"), static=True)
+    sink.log(_VERDICT, rr.TextDocument(text, media_type="text/markdown"))
     for layer in report.layers:
-        _draw_layer(recording, report, layer)
+        _draw_layer(sink, report, layer)
 
 
-def _draw_layer(recording: rr.RecordingStream, report: Report, layer: LayerReport) -> None:
+def _draw_layer(sink: Sink, report: Report, layer: LayerReport) -> None:
     pair, geometry = layer.pair, layer.pair.geometry
     difference = np.asarray(pair.b_values, np.float64) - pair.a_values
     sides = (
-        (map_pixels(pair.a_values, pair.a_classes, layer), pair.a_values),
-        (map_pixels(pair.b_values, pair.b_classes, layer), pair.b_values),
+        (map_pixels(pair.a_shades, pair.a_classes, by_class=pair.by_class), pair.a_values),
+        (map_pixels(pair.b_shades, pair.b_classes, by_class=pair.by_class), pair.b_values),
         (difference_pixels(pair), difference),
     )
     for side, (pixels, exact) in zip(_SIDES, sides, strict=True):
         entity = f"{layout.layer_root(layer.name)}/{side}"
         corner = [*layout.corner_m(geometry, geometry.whole), 0.0]
         place = rr.Transform3D(translation=corner, scale=geometry.resolution_m)
-        recording.log(entity, place, rr.Image(pixels), static=True)
-        recording.log(entity, _exact(geometry, side, exact), static=True)
+        sink.log(entity, place, rr.Image(pixels))
+        sink.log(entity, _exact(geometry, side, exact))
     for side, source in (("a", report.a), ("b", report.b)):
         lines = source.layers[layer.name].lines if layer.name in source.layers else None
         if lines:
             entity = f"{layout.layer_root(layer.name)}/lines_{side}"
-            recording.log(entity, _strips(lines), static=True)
+            sink.log(entity, _strips(lines))
     changes = [c for c in report.verdict.changes if c.layer == layer.name]
     ends = [(c.from_m, _GONE) for c in changes if c.from_m]
     ends += [(c.to_m, _COME) for c in changes if c.to_m]
@@ -83,7 +81,7 @@ def _draw_layer(recording: rr.RecordingStream, report: Report, layer: LayerRepor
         drawn = rr.LineStrips2D(
             strips, colors=[colour for _, colour in ends], radii=-2.5, draw_order=_ABOVE
         )
-        recording.log(entity, drawn, static=True)
+        sink.log(entity, drawn)
 
 
 def _exact(geometry: GridGeometry, side: str, exact: NDArray[np.floating]) -> rr.AnyValues:
@@ -100,12 +98,12 @@ def _strips(lines: tuple[Line, ...]) -> rr.LineStrips2D:
 
 
 def _blueprint(report: Report) -> rrb.Blueprint:
-    """A tab for each layer, the three pictures side by side, the words beside them."""
+    """A tab for each layer, the three pictures side by side, the verdict beside them."""
     tabs = [_tab(layer, report) for layer in report.layers]
-    words = rrb.TextDocumentView(origin=_VERDICT, name="What differs")
+    verdict = rrb.TextDocumentView(origin=_VERDICT, name="What differs")
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Tabs(*tabs, active_tab=_most_telling(report)), words, column_shares=[7, 2]
+            rrb.Tabs(*tabs, active_tab=_clearest(report)), verdict, column_shares=[7, 2]
         ),
         rrb.TimePanel(state="hidden"),
         rrb.SelectionPanel(state="collapsed"),
@@ -113,12 +111,12 @@ def _blueprint(report: Report) -> rrb.Blueprint:
     )
 
 
-def _most_telling(report: Report) -> int:
+def _clearest(report: Report) -> int:
     """The layer in which a wall changed, or else the one of which most cells differ."""
-    told = {change.layer for change in report.verdict.changes}
+    changed = {change.layer for change in report.verdict.changes}
     return max(
         range(len(report.layers)),
-        key=lambda i: (report.layers[i].name in told, report.layers[i].cells.differ),
+        key=lambda i: (report.layers[i].name in changed, report.layers[i].cells.differ),
     )
 
 
@@ -127,7 +125,7 @@ def _tab(layer: LayerReport, report: Report) -> rrb.Container:
     titles = (
         f"A: {report.a.path.name}",
         f"B: {report.b.path.name}",
-        "difference: red is fuller in B, blue emptier",
+        "difference: red is more occupied in B, blue more free",
     )
     over = ([f"{root}/lines_a"], [f"{root}/lines_b"], [f"{root}/walls"])
     views = [

@@ -1,15 +1,15 @@
 """The maps drawn in other ways, as layers that can be switched on: depth of colour, merges, odds.
 
 They are pictures, made whenever a whole map is at hand: at each snapshot and at the end. They may
-take a small share of the recording's budget; what does not fit is left out, and that is said.
+take a small share of the recording's budget; what does not fit is left out, and the text
+of the step names it.
 
 A cell takes one byte: the shade of each map in it, in levels. The colour and the name of each
-combination are said once, so that the viewer tells them where one points at a cell.
+combination are written once, so that the viewer shows them where one points at a cell.
 """
 
 from __future__ import annotations
 
-import functools
 import itertools
 import zlib
 from collections.abc import Iterator, Sequence
@@ -23,9 +23,11 @@ from mapping.artifacts import Artifact, Snapshot, Started
 from mapping.display import against_largest, at_depth, grey, three_colours, two_colours
 from mapping.fusion import FUSED
 from mapping.grid import Layer, Window
+from mapping.update_rules import rule_of
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.pictures import Named
+from replay.rrd.sink import Columns, Sink
 
 OF_ONE = ("grey", "reduced", "odds")
 OF_SEVERAL = ("two-colours", "three-colours")
@@ -61,7 +63,7 @@ class Picture:
     codes: Codes
 
 
-class DisplayCompanion:
+class DisplayOverlay:
     """Draws the layers named by ``names`` (:data:`OF_ONE`, :data:`OF_SEVERAL`)."""
 
     def __init__(self, names: Sequence[str], *, levels: int, budget_mb: float) -> None:
@@ -92,7 +94,7 @@ class DisplayCompanion:
             room -= size
             self._left_bytes -= size
             entity = layout.display(picture.layer, picture.name)
-            canvas.prepare(entity, functools.partial(_set_up, picture=picture))
+            canvas.prepare(entity, _set_up, picture)
             corner = layout.corner_m(canvas.geometry, window)
             row = _Placed(cells, corner, canvas.geometry.resolution_m)
             canvas.add(entity, _placed_cells, row, cells.nbytes)
@@ -158,7 +160,7 @@ def _odds(layer: Layer) -> Floats:
 
     A cell held as surely occupied counts as the surest that a float32 can tell from it.
     """
-    if layer.kind not in ("probability", "binary", "mass"):
+    if rule_of(layer.kind).shown_as_odds:
         return np.where(layer.observed, layer.values, 0.0).astype(np.float64)
     surest = float(np.nextafter(np.float32(1), np.float32(0)))
     p = np.minimum(layer.probability.astype(np.float64), surest)
@@ -175,7 +177,7 @@ class _Placed:
     cell_m: float
 
 
-def _placed_cells(rows: Sequence[_Placed]) -> columns.Columns:
+def _placed_cells(rows: Sequence[_Placed]) -> Columns:
     """Cells with their places; row 0 lies at the lowest y."""
     formats = [columns.image_format(row.codes.shape) for row in rows]
     buffers = [row.codes.tobytes() for row in rows]
@@ -188,7 +190,7 @@ def _placed_cells(rows: Sequence[_Placed]) -> columns.Columns:
     ]
 
 
-def _set_up(recording: rr.RecordingStream, entity: str, *, picture: Picture) -> None:
+def _set_up(sink: Sink, entity: str, picture: Picture) -> None:
     """The colour and the name of each code, and how the picture is laid over the cells."""
     table = colours(picture.name, len(picture.of), picture.levels)
     named: list[Named] = [(0, "never seen", layout.NEVER_SEEN)]
@@ -197,6 +199,6 @@ def _set_up(recording: rr.RecordingStream, entity: str, *, picture: Picture) -> 
         shares = [f"{of} {100 * d / (picture.levels - 1):.0f} %"
                   for of, d in zip(picture.of, digits, strict=True)]  # fmt: skip
         named.append((code, ", ".join(shares), (r, g, b, 255)))
-    scene.set_up_opaque(recording, entity, named)
+    scene.set_up_opaque(sink, entity, named)
     look = rr.SegmentationImage.from_fields(opacity=1.0, draw_order=layout.ORDER_DISPLAY)
-    recording.log(entity, look, static=True)
+    sink.log(entity, look)

@@ -11,7 +11,6 @@ import io
 import time
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 from typing import Any, TypeVar
 
 from PIL import Image
@@ -28,7 +27,7 @@ _WELL_KNOWN = ("Software rasterizer", "load examples")
 T = TypeVar("T")
 
 
-class HeadlessViewer:
+class HeadlessViewer(contextlib.AbstractContextManager["HeadlessViewer"]):
     """One recording, open in a viewer without a window. Use it as a context.
 
     Raises BadInput when the viewer cannot start (``NEEDS_DRIVER``) or does not load the file.
@@ -47,15 +46,7 @@ class HeadlessViewer:
             self.stop()
             raise
 
-    def __enter__(self) -> HeadlessViewer:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def stop(self) -> None:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from mapping.grid import GridGeometry, Window
@@ -27,7 +27,7 @@ CONFIG = "/config"
 LEGEND = "/legend"
 STEPS = "/steps"
 NOTICE = "/notice"
-HISTORIES = "/histories"
+VALUE_LOG = "/histories"
 MAPS = "/maps"  # the names of several maps in one recording
 PROBES = "/probes"
 # Named to come after the layers: of pictures, the viewer lays the later name over the earlier.
@@ -52,10 +52,11 @@ _PLANE_M = 0.001
 TILE_SHRINKAGE = 3e-5
 
 Colour = tuple[int, int, int, int]
+Place = tuple[int, int]  # of a tile among the tiles: row and column, counted from the lower left
 
 NEVER_SEEN: Colour = (150, 158, 178, 255)
-FULLER: Colour = (214, 39, 40, 255)
-EMPTIER: Colour = (31, 100, 210, 255)
+MORE_OCCUPIED: Colour = (214, 39, 40, 255)
+MORE_FREE: Colour = (31, 100, 210, 255)
 WALL: Colour = (46, 160, 67, 200)
 BORDER: Colour = (255, 150, 30, 255)
 SEGMENT: Colour = (230, 0, 160, 255)
@@ -73,7 +74,7 @@ SENSORS: tuple[Colour, ...] = (
     (255, 105, 0, 255), (0, 114, 190, 255), (126, 47, 142, 255), (90, 150, 20, 255),
     (160, 80, 40, 255), (0, 160, 170, 255),
 )  # fmt: skip
-# Of the class map: by name where the name says it, and for one sensor alone by number.
+# Of the class map: by name where the name has one, and for one sensor alone by number.
 _CLASS_COLOURS: dict[str, Colour] = {
     "unknown": NEVER_SEEN, "agree occupied": (0, 0, 0, 255), "agree empty": (255, 255, 255, 255),
     "contradict": (220, 30, 30, 255),
@@ -104,11 +105,11 @@ def class_colour(name: str, number: int) -> Colour:
 
 def class_colour_name(name: str, number: int) -> str:
     """The same in a word."""
-    words = {"unknown": "blue-grey", "agree occupied": "black", "agree empty": "white",
+    names = {"unknown": "blue-grey", "agree occupied": "black", "agree empty": "white",
              "contradict": "red"}  # fmt: skip
     pair = max(number - len(_CLASS_COLOURS), 0) // 2
     alone = _ALONE_NAMES[pair % len(_ALONE_NAMES)]
-    return words.get(name, f"pale {alone}" if name.endswith("empty") else alone)
+    return names.get(name, f"pale {alone}" if name.endswith("empty") else alone)
 
 
 def plane_m(order: float) -> float:
@@ -121,9 +122,20 @@ def layer_root(layer: str) -> str:
     return f"{MAP}/layers/{part(layer)}"
 
 
-def merged(layer: str) -> str:
-    """The root of a layer's tiles."""
-    return f"{layer_root(layer)}/merged"
+def _below(name: str) -> Callable[[str], str]:
+    """From a layer to what lies below it by that name."""
+    return lambda layer: f"{layer_root(layer)}/{name}"
+
+
+merged = _below("merged")  # the root of its tiles
+temp = _below("temp")  # the evidence of the newest reading, over the map
+change = _below("what_changed")  # what the newest reading changed, over the map
+beam = _below("beam")  # the outline of the newest one
+points = _below("points")  # obstacle points, one reading at a time
+raw_points = _below("raw_points")  # all of them together, at the end
+thresholded = _below("thresholded")  # the root of tiles: the occupied cells, over the map
+borders = _below("borders")  # the root of numbered groups
+start_of_border = _below("border_start")  # where the newest one starts, and which way it goes
 
 
 def tile(root: str, row: int, col: int) -> str:
@@ -132,13 +144,18 @@ def tile(root: str, row: int, col: int) -> str:
 
 
 def never_seen(root: str) -> str:
-    """What lies below all tiles of a root: cells of which nothing was ever said."""
+    """What lies below all tiles of a root: cells that no reading ever touched."""
     return f"{root}/never_seen"
 
 
-def history(layer: str) -> str:
+def root_of(name: str) -> str:
+    """Where all of one of several maps lies; empty of the only one."""
+    return f"/{part(name)}" if name else ""
+
+
+def value_log(layer: str) -> str:
     """Every value of a layer at every reading, for the reader alone."""
-    return f"{HISTORIES}/{part(layer)}"
+    return f"{VALUE_LOG}/{part(layer)}"
 
 
 def extra(layer: str, name: str) -> str:
@@ -146,29 +163,9 @@ def extra(layer: str, name: str) -> str:
     return f"{layer_root(layer)}/extra/{part(name)}"
 
 
-def temp(layer: str) -> str:
-    """What the newest reading says, over the map."""
-    return f"{layer_root(layer)}/temp"
-
-
 def sized(patches: str, side: int) -> str:
     """Patches of one size; the viewer complains of compressed pictures that change theirs."""
     return f"{patches}/p{side}"
-
-
-def change(layer: str) -> str:
-    """What the newest reading changed, over the map."""
-    return f"{layer_root(layer)}/what_changed"
-
-
-def beam(layer: str) -> str:
-    """Outline of the newest beam."""
-    return f"{layer_root(layer)}/beam"
-
-
-def points(layer: str) -> str:
-    """Obstacle points, one reading at a time."""
-    return f"{layer_root(layer)}/points"
 
 
 def digit(trail: str, number: int) -> str:
@@ -176,29 +173,9 @@ def digit(trail: str, number: int) -> str:
     return f"{trail}/d{number}"
 
 
-def raw_points(layer: str) -> str:
-    """All obstacle points of a layer together, at the end."""
-    return f"{layer_root(layer)}/raw_points"
-
-
-def thresholded(layer: str) -> str:
-    """The root of the tiles that show the cells taken as occupied, over the map."""
-    return f"{layer_root(layer)}/thresholded"
-
-
-def borders(layer: str) -> str:
-    """The root of a layer's borders; numbered groups lie below."""
-    return f"{layer_root(layer)}/borders"
-
-
 def compared(layer: str, threshold: float) -> str:
     """A layer at one of several thresholds that are shown side by side."""
     return f"{THRESHOLDS}/{part(layer)}/{part(f'{threshold:g}')}"
-
-
-def start_of_border(layer: str) -> str:
-    """Where the newest border starts, and which way it goes."""
-    return f"{layer_root(layer)}/border_start"
 
 
 def tracer(layer: str, what: str) -> str:
@@ -227,8 +204,8 @@ def sensor_range(sensor: str) -> str:
 
 
 def predicted_range(sensor: str) -> str:
-    """The plot of what the map so far foretells for one sensor."""
-    return f"{RANGES}/{part(sensor)}/foretold"
+    """The plot of what the map so far predicts for one sensor."""
+    return f"{RANGES}/{part(sensor)}/predicted"
 
 
 def display(layer: str, name: str) -> str:
@@ -237,7 +214,7 @@ def display(layer: str, name: str) -> str:
 
 
 def probe(number: int) -> str:
-    """Where all that is told of a watched cell lies."""
+    """Where all about a watched cell lies."""
     return f"{PROBES}/{number}"
 
 
@@ -252,7 +229,7 @@ def probe_log(number: int) -> str:
 
 
 def probe_story(number: int) -> str:
-    """What moved a watched cell most, in words."""
+    """What moved a watched cell most, as text."""
     return f"{probe(number)}/story"
 
 

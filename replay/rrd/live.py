@@ -6,18 +6,20 @@ lost, and nothing else.
 
 from __future__ import annotations
 
+import functools
 import logging
 import socket
 import time
 import urllib.parse
-import uuid
 from collections.abc import Callable
 
 import rerun as rr
 
 from mapping.artifacts import Artifact, Started
 from replay.rrd.blueprints import default_blueprint
-from replay.rrd.writer import APPLICATION, RrdWriter
+from replay.rrd.run_drawer import RunDrawer
+from replay.rrd.sink import Sink, new_recording
+from replay.rrd.thinning import Detail
 
 _SHOW_EVERY_S = 0.2
 _LOOK_S = 2.0
@@ -36,66 +38,61 @@ class LiveWriter:
         self, url: str, *, config_text: str, name: str, now_s: Callable[[], float] = time.monotonic
     ) -> None:
         self._url, self._config_text, self._name, self._now_s = url, config_text, name, now_s
-        self._run: _Run | None = None
+        self._drawer: RunDrawer | None = None
+        self._recording: rr.RecordingStream | None = None
+        self._shown_s = 0.0
+        self._is_gone = True
 
     def __call__(self, artifact: Artifact) -> None:
         """Show one artifact; the first is :class:`Started`."""
         if isinstance(artifact, Started):
             self.close()
-            self._run = _Run(self._url, self._config_text, self._name, self._now_s)
-            self._run.is_gone = not _somebody_listens(self._url)
-        if self._run is None:
+            self._begin(artifact)
+        elif self._drawer is None:
             raise TypeError(f"the first artifact is Started, not {type(artifact).__name__}")
-        if not self._run.is_gone:
-            self._run(artifact)
+        elif not self._is_gone:
+            if self._drawer.begins_reading(artifact):
+                self._show_in_time()
+            self._drawer.draw(artifact, Detail())
 
     def close(self) -> None:
         """Show what waits, and let go of the viewer, which stays."""
-        if self._run is not None:
-            self._run.close()
-            self._run = None
+        if not self._is_gone:
+            self._flush()
+        if self._recording is not None and not self._is_gone:  # a lost one is waited for in vain
+            self._recording.disconnect()
+        self._drawer = self._recording = None
+        self._is_gone = True
 
+    def _begin(self, started: Started) -> None:
+        blueprint = functools.partial(default_blueprint, following=True)
+        self._drawer = RunDrawer(self._config_text, blueprint=blueprint)
+        self._shown_s = self._now_s()
+        self._is_gone = not _somebody_listens(self._url)
+        if self._is_gone:
+            return
+        self._recording = new_recording()
+        self._recording.connect_grpc(self._url, default_blueprint=self._drawer.blueprint(started))
+        self._recording.send_recording_name(self._name)
+        self._drawer.begin(Sink(self._recording), started)
+        self._flush()
 
-class _Run(RrdWriter):
-    """A writer whose rows go to a viewer, several times a second."""
-
-    def __init__(self, url: str, config_text: str, name: str, now_s: Callable[[], float]) -> None:
-        super().__init__(name, config_text=config_text, name=name)
-        self._url, self._now_s = url, now_s
-        self._shown_s = now_s()
-        self.is_gone = False
-
-    def _open(self, started: Started) -> rr.RecordingStream:
-        recording = rr.RecordingStream(APPLICATION, recording_id=str(uuid.uuid4()))
-        recording.set_log_time_enabled(False)
-        recording.connect_grpc(
-            self._url, default_blueprint=default_blueprint(started, following=True)
-        )
-        recording.send_recording_name(self._name)
-        return recording
-
-    def _review(self) -> None:
+    def _show_in_time(self) -> None:
+        """What waits is shown several times a second."""
         if self._now_s() - self._shown_s >= _SHOW_EVERY_S:
             self._flush()
             self._shown_s = self._now_s()
 
     def _flush(self) -> None:
-        if self._recording is None or self.is_gone:
-            return
-        for rows in self._buffers():
+        assert self._drawer is not None
+        assert self._recording is not None
+        for rows in self._drawer.buffers:
             rows.send()
         try:
             self._recording.flush(timeout_sec=_FLUSH_S)
         except (RuntimeError, OSError, TimeoutError) as error:
-            self.is_gone = True  # waiting for it again at every flush would hold up the map
+            self._is_gone = True  # waiting for it again at every flush would hold up the map
             _log.info("the viewer does not answer: %s", error)
-
-    def close(self) -> None:
-        """Show what waits, and let go of the viewer."""
-        self._flush()
-        if self._recording is not None and not self.is_gone:  # a lost one is waited for in vain
-            self._recording.disconnect()
-        self._recording = None
 
 
 def _somebody_listens(url: str) -> bool:

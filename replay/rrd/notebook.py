@@ -1,4 +1,4 @@
-"""A recording inside a Jupyter notebook: the viewer as a widget.
+"""``echogrid.show``: a recording, or what a run came to, inside a notebook: the viewer as a widget.
 
 The widget carries the viewer with it, so that a notebook needs no internet, and the browser may
 sit on another machine than the kernel.
@@ -10,9 +10,12 @@ import contextlib
 import io
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from recorder.errors import BadInput
+
+if TYPE_CHECKING:
+    from replay.mapping_run import RunResult
 
 NEEDS_JUPYTER = (
     "show() needs the notebook viewer: pip install rerun-notebook==0.41.0 (the extra 'jupyter')"
@@ -22,19 +25,28 @@ WIDTH, HEIGHT_PX = "auto", 720
 _ASSET, _INSIDE = "RERUN_NOTEBOOK_ASSET", "inline"
 
 
-def widget(path: Path, *, width: int | str = WIDTH, height: int | str = HEIGHT_PX) -> Any:
-    """The viewer with one recording, as a widget that a notebook displays.
+def show(
+    run: str | os.PathLike[str] | RunResult,
+    *,
+    width: int | str = WIDTH,
+    height: int | str = HEIGHT_PX,
+) -> Any:
+    """The viewer as a widget: put it last in a cell, and the notebook displays it.
 
-    ``width`` and ``height`` are pixels or ``"auto"``. Raises BadInput where the recording cannot be
-    read or the notebook viewer is not installed.
+    ``run`` is the path of a recording (``.rrd``), or what :func:`map_session` returned; ``width``
+    and ``height`` are pixels or ``"auto"``. Raises BadInput, in one line, for a run that wrote no
+    recording, a file that cannot be read, or without the notebook viewer (the extra ``jupyter``).
     """
+    path = Path(run) if isinstance(run, str | os.PathLike) else run.rrd
+    if path is None:
+        raise BadInput("this run wrote no recording; map the session with rrd=Path('run.rrd')")
     try:
         data = path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or error}") from None
     os.environ.setdefault(_ASSET, _INSIDE)
     try:
-        with contextlib.redirect_stdout(io.StringIO()):  # it says how it was loaded
+        with contextlib.redirect_stdout(io.StringIO()):  # it reports how it was loaded
             from rerun_notebook import Viewer
     except ImportError:
         raise BadInput(NEEDS_JUPYTER) from None

@@ -1,8 +1,8 @@
 """From probabilities to the few classes that the viewer draws, and outlines from beams.
 
 The viewer colours whole numbers by a table and shows each number's name under the mouse, so that
-a cell says "70 % occupied". Few classes also make a small file. The exact values are kept beside
-the picture, never read back from it.
+one reads "70 % occupied" there. Few classes also make a small file. The exact values are kept
+beside the picture, never read back from it.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from mapping.beams import Beam
 from replay.rrd import layout
 
 UNSEEN = 101  # class of a cell that no reading touched; 0 to 100 are per cent
-# Edges, in probability, of how strongly a reading speaks: the chapter's finest regions say a
-# thousandth, a laser nearly a half.
+# Edges, in probability, of how strong a reading's evidence is: the chapter's finest regions give
+# a thousandth, a laser nearly a half.
 STRENGTHS = (0.0, 0.002, 0.01, 0.03, 0.1, 0.2)
 _LEVELS = len(STRENGTHS)
 
@@ -33,7 +33,7 @@ def percent_classes(
 ) -> NDArray[np.uint8]:
     """Per cent of being occupied, to the nearest even one, or ``UNSEEN``; same shape as the input.
 
-    The eye tells no finer shades apart, and every other one saves a seventh of the file.
+    The eye sees no finer shades, and every other one saves a seventh of the file.
     """
     percent = 2 * np.rint(probability * np.float32(50)).astype(np.uint8)
     return np.where(observed, percent, np.uint8(UNSEEN))
@@ -47,25 +47,26 @@ def percent_names() -> list[Named]:
 
 
 def strength_classes(
-    difference: NDArray[np.floating], said: NDArray[np.bool_]
+    difference: NDArray[np.floating], marked: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
-    """How far a probability lies above (fuller) or below (emptier) another, in levels.
+    """How far a probability lies above (more occupied) or below (more free) another, in levels.
 
-    0 where nothing is ``said``; 1 to 6 emptier, 7 to 12 fuller, each by rising strength.
+    0 where it is not ``marked``; 1 to 6 more free, 7 to 12 more occupied, each by rising strength.
     """
     from mapping.kernels import recording
 
     edges = np.array(STRENGTHS, difference.dtype)
-    classes: NDArray[np.uint8] = recording.strength_classes(difference.ravel(), said.ravel(), edges)
-    return classes.reshape(difference.shape)
+    flat = recording.strength_classes(difference.ravel(), marked.ravel(), edges)
+    classes: NDArray[np.uint8] = flat.reshape(difference.shape)
+    return classes
 
 
 def strength_names() -> list[Named]:
-    """The classes of :func:`strength_classes`: red is fuller, blue emptier, by strength."""
+    """The classes of :func:`strength_classes`: red is more occupied, blue more free."""
     named: list[Named] = [(0, "", (0, 0, 0, 0))]
     for first, word, colour in (
-        (1, "emptier", layout.EMPTIER),
-        (1 + _LEVELS, "fuller", layout.FULLER),
+        (1, "more free", layout.MORE_FREE),
+        (1 + _LEVELS, "more occupied", layout.MORE_OCCUPIED),
     ):
         for level in range(_LEVELS):
             low, high = STRENGTHS[level], (*STRENGTHS, 0.5)[level + 1]
@@ -100,7 +101,7 @@ def _strength_palette() -> tuple[bytes, bytes]:
 
 
 def beam_outline(beam: Beam) -> list[NDArray[np.float64]]:
-    """Line strips (N, 2), metres, around the part of the map that a reading speaks of.
+    """Line strips (N, 2), metres, around the part of the map that a reading is evidence for.
 
     A ranger's is its sector out to the range (or the reach when it saw nothing) and the axis; a
     scan's goes through the ends of all its beams.

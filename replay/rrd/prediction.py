@@ -1,8 +1,6 @@
-"""The range that the map so far foretells, beside the one that was measured."""
+"""The range that the map so far predicts, beside the one that was measured."""
 
 from __future__ import annotations
-
-import functools
 
 import numpy as np
 import rerun as rr
@@ -13,13 +11,14 @@ from mapping.prediction import RangePredictor
 from replay.rrd import columns, layout
 from replay.rrd.canvas import Canvas
 from replay.rrd.layout import Colour
+from replay.rrd.sink import Sink
 
-_ALMOST_M = 0.05  # measured and foretold ranges this close are called the same
+_ALMOST_M = 0.05  # measured and predicted ranges this close are called the same
 _ALMOST_SHARE = 0.1  # of the range
 
 
-class PredictionCompanion:
-    """Plots the nearest foretold range of each reading; cells above ``threshold`` stop a beam."""
+class PredictionOverlay:
+    """Plots the nearest predicted range of each reading; cells above ``threshold`` stop a beam."""
 
     def __init__(self, threshold: float) -> None:
         self._threshold = threshold
@@ -30,45 +29,43 @@ class PredictionCompanion:
         self._predictor(started)
 
     def draw(self, canvas: Canvas, artifact: Artifact, *, shown: bool) -> str:
-        """A point of the plot at each beam, and in words how well the map knew it."""
+        """A point of the plot at each beam, and how well the map knew it, as text."""
         if not isinstance(artifact, Beam):
             self._predictor(artifact)
             return ""
         if not shown:
             return ""
-        foretold = float(self._predictor.ranges_m(artifact).min(initial=np.inf))
+        predicted = float(self._predictor.ranges_m(artifact).min(initial=np.inf))
         measured = float(artifact.ranges_m[artifact.saw_something].min(initial=np.inf))
         entity = layout.predicted_range(artifact.sensor)
         colour = canvas.colour(artifact.sensor)
-        canvas.prepare(
-            entity, functools.partial(_set_up, name=f"{artifact.sensor}, foretold", colour=colour)
-        )
-        # Where the map foretells nothing the plot has a gap; the number itself says inf.
-        canvas.add(entity, columns.scalars, foretold if np.isfinite(foretold) else np.nan)
-        canvas.add(entity, columns.number_records, np.array([foretold]))
-        return _in_words(measured, foretold, self._threshold)
+        canvas.prepare(entity, _set_up, f"{artifact.sensor}, predicted", colour)
+        # Where the map predicts nothing the plot has a gap; the number itself is inf.
+        canvas.add(entity, columns.scalars, predicted if np.isfinite(predicted) else np.nan)
+        canvas.add(entity, columns.number_records, np.array([predicted]))
+        return _explained(measured, predicted, self._threshold)
 
 
-def _in_words(measured_m: float, foretold_m: float, threshold: float) -> str:
+def _explained(measured_m: float, predicted_m: float, threshold: float) -> str:
     """Whether the map so far knew what was measured."""
-    if np.isinf(foretold_m):
+    if np.isinf(predicted_m):
         knew = f"no cell of the beam is above {100 * threshold:g} %"
         ending = ": the obstacle is new to it." if np.isfinite(measured_m) else ", as measured."
-        return f"**The map so far** would have foretold **nothing**: {knew}{ending}"
-    said = f"**The map so far** would have foretold **{foretold_m:.3f} m**"
+        return f"**The map so far** would have predicted **nothing**: {knew}{ending}"
+    predicted = f"**The map so far** would have predicted **{predicted_m:.3f} m**"
     if np.isinf(measured_m):
-        return f"{said}: what stood there is not seen now."
-    gap = foretold_m - measured_m
+        return f"{predicted}: what stood there is not seen now."
+    gap = predicted_m - measured_m
     if abs(gap) <= max(_ALMOST_M, _ALMOST_SHARE * measured_m):
-        return f"{said}: it knew this obstacle."
-    return f"{said}, {abs(gap):.3f} m {'more' if gap > 0 else 'less'} than was measured."
+        return f"{predicted}: it knew this obstacle."
+    return f"{predicted}, {abs(gap):.3f} m {'more' if gap > 0 else 'less'} than was measured."
 
 
-def _set_up(recording: rr.RecordingStream, entity: str, *, name: str, colour: Colour) -> None:
+def _set_up(sink: Sink, entity: str, name: str, colour: Colour) -> None:
     """The measured range's colour, paler, and crosses instead of dots."""
     r, g, b, _ = colour
     pale = ((r + 255) // 2, (g + 255) // 2, (b + 255) // 2, 255)
     points = rr.SeriesPoints(names=[name], colors=[pale], marker_sizes=[3], markers="cross")
-    recording.log(entity, points, static=True)
+    sink.log(entity, points)
     lines = rr.SeriesLines(names=[name], colors=[pale], widths=[1.0])
-    recording.log(entity, lines, static=True)
+    sink.log(entity, lines)

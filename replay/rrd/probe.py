@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Sequence
 
@@ -12,20 +11,20 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished, MergedGrid, Snapshot, Started
 from mapping.probing import BEHIND, CellProbe, Touch
-from replay import probe_words
+from replay import probe_text
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
-from replay.rrd.columns import Stamp
+from replay.rrd.sink import Columns, Sink, Stamp
 
 _HAIR_SHARE = 0.03  # of the grid's diagonal: the four strokes that point at the cell
 
 
-class ProbeCompanion:
+class ProbeOverlay:
     """Draws some probes; each must have taken an artifact before it is offered here."""
 
     def __init__(self, probes: Sequence[CellProbe]) -> None:
         self._probes = tuple(probes)
-        self._told = [0] * len(self._probes)
+        self._listed = [0] * len(self._probes)
         self._layers: tuple[str, ...] = ()
         self._first = Stamp(0, 0, 0)
         self._plotted: set[str] = set()
@@ -38,22 +37,20 @@ class ProbeCompanion:
             self._write(canvas, number, probe)
 
     def draw(self, canvas: Canvas, artifact: Artifact, *, shown: bool) -> str:
-        """Plot the belief, list the reading if it reached the cell; what it did, in words."""
+        """Plot the belief, list the reading if it reached the cell; what it did, as text."""
         if not isinstance(artifact, MergedGrid | Snapshot | Finished):
             return ""
-        said = [
-            self._follow(canvas, artifact, number, shown) for number in range(len(self._probes))
-        ]
-        return "\n\n".join(text for text in said if text)
+        texts = (self._follow(canvas, artifact, n, shown) for n in range(len(self._probes)))
+        return "\n\n".join(filter(None, texts))
 
     def _follow(
         self, canvas: Canvas, artifact: MergedGrid | Snapshot | Finished, number: int, shown: bool
     ) -> str:
         probe = self._probes[number]
-        new = probe.touches[self._told[number] :]
-        self._told[number] = len(probe.touches)
+        new = probe.touches[self._listed[number] :]
+        self._listed[number] = len(probe.touches)
         for touch in new:
-            line = probe_words.touch_line(touch)
+            line = probe_text.touch_text(touch)
             canvas.add(layout.probe_log(number), _log_lines, (line, _level(touch)), len(line))
         if not isinstance(artifact, Finished):
             layer = artifact.layer if isinstance(artifact, MergedGrid) else artifact.layer.name
@@ -62,8 +59,8 @@ class ProbeCompanion:
             self._write(canvas, number, probe)
         if not new:
             return ""
-        line = probe_words.touch_line(new[-1])
-        return f"**Your cell at {probe_words.name_of(probe)}**: {line}."
+        line = probe_text.touch_text(new[-1])
+        return f"**Your cell at {probe_text.name_of(probe)}**: {line}."
 
     def _plot(
         self, canvas: Canvas, number: int, probe: CellProbe, layer: str, new: Sequence[Touch]
@@ -72,24 +69,23 @@ class ProbeCompanion:
         if layer not in probe.beliefs:
             return
         entity = layout.probe_belief(number, layer)
-        set_up = functools.partial(_set_up_belief, name=layer, colour=canvas.colour(layer))
-        canvas.prepare(entity, set_up)
+        canvas.prepare(entity, _set_up_belief, layer, canvas.colour(layer))
         if entity not in self._plotted and new:
             canvas.rows.add(entity, columns.scalars, self._first, 100 * new[0].before)
         self._plotted.add(entity)
         canvas.add(entity, columns.scalars, 100 * probe.beliefs[layer])
 
     def _write(self, canvas: Canvas, number: int, probe: CellProbe) -> None:
-        text = probe_words.story(probe, self._layers)
+        text = probe_text.explanation(probe, self._layers)
         canvas.add(layout.probe_story(number), columns.texts, text, len(text))
 
 
 def _level(touch: Touch) -> str:
-    """Readings that say nothing of the cell are written paler."""
+    """Readings that leave the cell as it is are written paler."""
     return "DEBUG" if touch.zone == BEHIND else "INFO"
 
 
-def _log_lines(rows: Sequence[tuple[str, str]]) -> columns.Columns:
+def _log_lines(rows: Sequence[tuple[str, str]]) -> Columns:
     """Lines of a log, each with its level."""
     return list(rr.TextLog.columns(text=[r[0] for r in rows], level=[r[1] for r in rows]))
 
@@ -104,19 +100,16 @@ def _mark(canvas: Canvas, number: int, probe: CellProbe) -> None:
     ways: NDArray[np.float64] = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]], np.float64)
     strips = [centre + half * np.array(corners), *(centre + np.array([near * w, far * w])
                                                    for w in ways)]  # fmt: skip
-    canvas.recording.log(
-        layout.probe_mark(number),
-        rr.LineStrips2D(strips, colors=[layout.PROBE], radii=[-1.5], draw_order=layout.ORDER_PROBE),
-        static=True,
+    mark = rr.LineStrips2D(
+        strips, colors=[layout.PROBE], radii=[-1.5], draw_order=layout.ORDER_PROBE
     )
-    scene.set_up_story(canvas.recording, layout.probe_story(number))
+    canvas.sink.log(layout.probe_mark(number), mark)
+    scene.set_up_markdown(canvas.sink, layout.probe_story(number))
 
 
-def _set_up_belief(
-    recording: rr.RecordingStream, entity: str, *, name: str, colour: layout.Colour
-) -> None:
+def _set_up_belief(sink: Sink, entity: str, name: str, colour: layout.Colour) -> None:
     """A stair: a belief stays until the next reading that reaches the cell."""
     lines = rr.SeriesLines(
         names=[f"{name}, % occupied"], colors=[colour], widths=[2.0], interpolation_mode="StepAfter"
     )
-    recording.log(entity, lines, static=True)
+    sink.log(entity, lines)

@@ -1,4 +1,4 @@
-"""The viewer as a program: where it is, how it is told to stay quiet and local.
+"""The viewer as a program: where it is, how it is kept quiet and local.
 
 It comes with the rerun package as one executable. It is started directly, not through its Python
 wrapper, so that stopping the process stops the viewer and not only the wrapper.

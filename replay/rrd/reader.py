@@ -26,10 +26,10 @@ from recorder.errors import BadInput
 from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
-from replay.rrd.history import HistoryError
-from replay.rrd.layout import Tiling
-from replay.rrd.playback import LayerStart, Playback, Tiles
 from replay.rrd.program import viewer_environment, viewer_program
+from replay.rrd.value_log.playback import Playback, Tiles
+from replay.rrd.value_log.records import ValueLogError
+from replay.rrd.value_log.track import Track
 
 Floats = NDArray[np.float64]
 
@@ -66,9 +66,9 @@ class RrdRecording:
         Raises BadInput for a layer or step that is not there, or not with exact values.
         """
         step = self._checked(layer, step)
-        begin = self._last_whole_map(layer, step)
+        begin = max((each for each in self._whole_maps(layer) if each <= step), default=-1)
         playback = self._playing.pop(layer, None)
-        with self._damage_said(layer):
+        with self._damage_reported(layer):
             if playback is None or playback.begin != begin or playback.step > step:
                 playback = self._played_from(layer, begin)
             grid = playback.at(step).copy()
@@ -81,8 +81,8 @@ class RrdRecording:
         Of whole tiles only as much as was written together is in memory at a time.
         """
         tiles = self._tiles_by_step(layout.merged(layer), "values")
-        whole = [each.step for each in self.steps if self._is_whole_map(each, layer)]
-        with self._damage_said(layer):
+        whole = self._whole_maps(layer)
+        with self._damage_reported(layer):
             playback = Playback(self._start(layer), tiles, self._records(layer), whole)
             for step, values in playback.steps():
                 if step in self._by_number and layer in self._by_number[step].exact:
@@ -92,6 +92,12 @@ class RrdRecording:
         """The unit of a layer's values and its update rule."""
         root = layout.layer_root(layer)
         return self._file.one_text(root, "kind"), self._file.one_text(root, "rule")
+
+    def start_value(self, layer: str) -> float | None:
+        """What a cell of a layer held before any reading; None for a layer without readings."""
+        for batch in self._file.batches(layout.layer_root(layer), "start", whole=True):
+            return float(numbers_of(batch, "start", 0)[0])
+        return None
 
     def extra(self, layer: str) -> dict[str, NDArray[np.float32]]:
         """Further arrays of a layer's rule, at its last snapshot, by name."""
@@ -146,12 +152,10 @@ class RrdRecording:
             return tuple(batch.column("names")[0].as_py()), self._newest_picture(layout.CLASSES)
         return None
 
-    def _start(self, layer: str) -> LayerStart:
+    def _start(self, layer: str) -> Track:
         """What a layer was before any reading."""
-        for batch in self._file.batches(layout.layer_root(layer), "start", whole=True):
-            kind = str(batch.column("kind")[0].as_py()[0])
-            return LayerStart(self.geometry, kind, float(numbers_of(batch, "start", 0)[0]))
-        return LayerStart(self.geometry, "", 0.0)
+        kind, _ = self.kind_and_rule(layer)
+        return Track(self.geometry, kind, self.start_value(layer) or 0.0)
 
     def _played_from(self, layer: str, begin: int) -> Playback:
         """A layer, ready to be followed from a whole map on (-1: from the start)."""
@@ -159,31 +163,26 @@ class RrdRecording:
         newest = self._newest_tiles(root, "values", begin) if begin >= 0 else ()
         whole = [(window, row.numbers.reshape(window.rows, window.cols)) for window, row in newest]
         later = self._tiles_by_step(root, "values", after=begin)
-        maps = [each.step for each in self.steps if self._is_whole_map(each, layer)]
         return Playback(
             self._start(layer), itertools.chain([(begin, whole)], later), self._records(layer),
-            [each for each in maps if each >= begin], begin=begin,
+            [each for each in self._whole_maps(layer) if each >= begin], begin=begin,
         )  # fmt: skip
 
-    @staticmethod
-    def _is_whole_map(step: Step, layer: str) -> bool:
-        return step.artifact == Snapshot.__name__ and step.layer == layer
-
-    def _last_whole_map(self, layer: str, step: int) -> int:
-        """The last step, up to one, at which the file holds all of a layer; -1: none."""
-        whole = (each.step for each in self.steps if self._is_whole_map(each, layer))
-        return max((each for each in whole if each <= step), default=-1)
+    def _whole_maps(self, layer: str) -> list[int]:
+        """The steps at which the file holds all of a layer."""
+        whole = Snapshot.__name__, layer
+        return [each.step for each in self.steps if (each.artifact, each.layer) == whole]
 
     def _records(self, layer: str) -> list[tuple[int, bytes]]:
         """What readings did to a layer, in the order of the steps."""
-        rows = self._file.rows(layout.history(layer), "history")
+        rows = self._file.rows(layout.value_log(layer), "history")
         return sorted(((row.step, row.numbers.tobytes()) for _, row in rows), key=lambda r: r[0])
 
     @contextlib.contextmanager
-    def _damage_said(self, layer: str) -> Iterator[None]:
+    def _damage_reported(self, layer: str) -> Iterator[None]:
         try:
             yield
-        except HistoryError as error:
+        except ValueLogError as error:
             raise BadInput(f"{self.path}: values of {layer} are damaged: {error}") from None
 
     def _layer_at(self, step: int) -> str:
@@ -254,11 +253,8 @@ class RrdRecording:
                 yield step, waiting.pop(step)
 
     def _windows(self, root: str) -> dict[str, Window]:
-        tiling = self._tiling()
+        tiling = layout.tiling_for(self.geometry)
         return {layout.tile(root, *at): tiling.window(*at) for at in tiling}
-
-    def _tiling(self) -> Tiling:
-        return layout.tiling_for(self.geometry)
 
     def _beam(self, batch: pa.RecordBatch, i: int) -> Beam:
         base, sensor = (numbers_of(batch, n, i) for n in ("world_from_base", "world_from_sensor"))
@@ -280,8 +276,8 @@ class RrdRecording:
         batches = self._file.batches(layout.GRID, "where_m", whole=True)
         if not batches:
             several = ", ".join(_map_names(self._file.file)) if not self._file.root else ""
-            told = f"holds several maps: {several}" if several else "not a recording of echogrid"
-            raise BadInput(f"{self.path}: {told}")
+            what = f"holds several maps: {several}" if several else "not a recording of echogrid"
+            raise BadInput(f"{self.path}: {what}")
         x, y, cell = (float(v) for v in numbers_of(batches[0], "where_m", 0))
         rows, cols = (int(v) for v in numbers_of(batches[0], "shape", 0))
         layers = tuple(batches[0].column("layers")[0].as_py())
@@ -304,13 +300,13 @@ class RrdRecording:
         return sorted(steps, key=lambda each: each.step)
 
 
-def read_rrd(path: str | Path, root: str = "") -> RrdRecording:
-    """Open a recording for reading; ``root`` is what one of several maps in it lies below.
+def read_rrd(path: str | Path, name: str = "") -> RrdRecording:
+    """Open a recording for reading; ``name`` is that of one of several maps in it.
 
-    ``damaged`` tells that it was not ended properly and may lack its last part. Raises BadInput
-    for a file that cannot be read, or that holds no recording of ours.
+    ``damaged`` is true of one that was not ended properly and may lack its last part. Raises
+    BadInput for a file that cannot be read, or that holds no recording of ours.
     """
-    path = Path(path)
+    path, root = Path(path), layout.root_of(name)
     if not path.is_file():
         raise BadInput(f"{path}: no such file")
     damaged = not _has_footer(path)
@@ -320,6 +316,17 @@ def read_rrd(path: str | Path, root: str = "") -> RrdRecording:
         if isinstance(error, BadInput) or not damaged:
             raise
     return _salvaged(path, root)
+
+
+def read_maps(path: str | Path) -> dict[str, RrdRecording]:
+    """All maps of a recording that compares some, each to be read like one of its own, by name.
+
+    Raises BadInput for a file that holds no such recording.
+    """
+    names = map_names(path)
+    if not names:
+        raise BadInput(f"{path}: holds one map, not several side by side")
+    return {name: read_rrd(path, name) for name in names}
 
 
 def map_names(path: str | Path) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""How a reading looks, in its three steps: the beam, what it says, and what it did to the map."""
+"""How a reading looks, in its three steps: the beam, its evidence, and what it did to the map."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
     length = _ARROW_SHARE * float(np.hypot(*canvas.geometry.size_m))
     towards = length * np.array([np.cos(base.heading_rad), np.sin(base.heading_rad)])
     here = np.array([base.x_m, base.y_m])
-    # It ends at the robot: in front of it, it would cover what a near reading says.
+    # It ends at the robot: in front of it, it would cover the evidence of a near reading.
     canvas.add(layout.ROBOT, columns.arrows, np.stack([here - towards, towards]))
     canvas.leave(layout.PATH, here[None], scene.set_up_path)
     outline = beam_outline(beam)
@@ -40,18 +40,11 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
 
 
 def draw_temp(canvas: Canvas, temp: TempGrid) -> None:
-    """What the reading says, as a patch over the map."""
-    canvas.layer(temp.beam.layer)
+    """The evidence of the reading, as a patch over the map."""
     if temp.window.empty:
         return
-    classes = strength_classes(temp.probability - 0.5, temp.band | temp.front)
+    classes = strength_classes(temp.probability - 0.5, temp.band | temp.free)
     _draw_patch(canvas, layout.temp(temp.beam.layer), temp.window, classes)
-
-
-def draw_merged(canvas: Canvas, merged: MergedGrid, *, exact: bool) -> None:
-    """The tiles that changed; the patch of what the reading said goes."""
-    canvas.wipe(layout.temp(merged.layer))
-    canvas.merge(merged, shown=True, exact=exact)
 
 
 def draw_change(canvas: Canvas, merged: MergedGrid) -> None:
@@ -98,16 +91,14 @@ def _draw_points(canvas: Canvas, beam: Beam) -> None:
     if len(beam.ranges_m) > 1 and len(points_m):
         canvas.add(entity, columns.points, points_m, points_m.nbytes)
     elif len(points_m):
-        set_up = functools.partial(scene.set_up_points, colour=canvas.colour(beam.layer))
-        canvas.leave(entity, points_m, set_up)
+        canvas.leave(entity, points_m, scene.set_up_points, canvas.colour(beam.layer))
 
 
 def _draw_range(canvas: Canvas, beam: Beam) -> None:
     """The nearest range; where nothing was seen, the plot has a gap."""
     colour = canvas.colour(beam.sensor)
     entity = layout.sensor_range(beam.sensor)
-    set_up = functools.partial(scene.set_up_sensor, name=beam.sensor, colour=colour)
-    canvas.prepare(entity, set_up)
+    canvas.prepare(entity, scene.set_up_sensor, beam.sensor, colour)
     nearest = float(beam.ranges_m[beam.saw_something].min(initial=np.inf))
     canvas.add(entity, columns.scalars, nearest if np.isfinite(nearest) else np.nan)
 

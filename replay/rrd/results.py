@@ -1,81 +1,117 @@
-"""How the later stages look: whole maps, thresholds, classes, borders, points and segments."""
+"""How the later stages look: whole maps, thresholds, classes, borders, points and segments.
+
+The way to borders and lines (where a border starts, the tracer's walk, what was cut and joined) is
+there for one step only; the borders and lines themselves stay.
+"""
 
 from __future__ import annotations
 
-import functools
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mapping.artifacts import Border, Classes, RawPoints, Segment, Snapshot, Thresholded
+from mapping.artifacts import (
+    Artifact,
+    Border,
+    Classes,
+    LineStage,
+    RawPoints,
+    Segment,
+    Snapshot,
+    Thresholded,
+    TracerStep,
+)
 from replay.rrd import columns, layout, scene
-from replay.rrd.canvas import Canvas
+from replay.rrd.canvas import Canvas, Floats
+from replay.rrd.layers import Layers
+from replay.rrd.layout import Colour
+
+_ARROW_CELLS = 6  # of a border's beginning
+_HEAD = 0.35  # of an arrow's length, and half of that to either side
 
 
 class Results:
     """Draws results on a canvas; borders and segments gather until their stage starts anew."""
 
-    def __init__(self, canvas: Canvas) -> None:
-        self._canvas = canvas
-        self._gathered: dict[str, list[list[tuple[NDArray[np.float64], str]]]] = {}
+    def __init__(self, canvas: Canvas, layers: Layers) -> None:
+        self._canvas, self._layers = canvas, layers
+        self._gathered: dict[str, list[list[tuple[Floats, str]]]] = {}
 
-    def draw_snapshot(self, snapshot: Snapshot) -> None:
+    def draw(self, artifact: Artifact) -> None:
+        """Draw one. Raises TypeError for something else."""
+        match artifact:
+            case Snapshot():
+                self._draw_snapshot(artifact)
+            case Thresholded():
+                self._draw_thresholded(artifact)
+            case Classes():
+                self._draw_classes(artifact)
+            case Border():
+                self._draw_border(artifact)
+            case TracerStep():
+                _draw_tracer_step(self._canvas, artifact)
+            case RawPoints():
+                self._draw_raw_points(artifact)
+            case LineStage():
+                _draw_line_stage(self._canvas, artifact)
+            case Segment():
+                self._draw_segment(artifact)
+            case _:
+                raise TypeError(f"{type(artifact).__name__} is no artifact")
+
+    def _draw_snapshot(self, snapshot: Snapshot) -> None:
         """A whole layer, with its exact values and its rule's further arrays."""
         layer, canvas = snapshot.layer, self._canvas
-        state = canvas.begin(layer.name, layer.kind, snapshot.rule)
-        state.see_whole(layer.observed)
-        state.update(layer.geometry.whole, layer.values, layer.probability)
-        canvas.draw_whole(layer.name)
+        self._layers.draw_whole(snapshot)
         for name, array in layer.extra.items():
             values = np.asarray(array, np.float32)
             entity = layout.extra(layer.name, name)
-            canvas.prepare(entity, functools.partial(scene.set_up_extra, name=name))
+            canvas.prepare(entity, scene.set_up_extra, name)
             canvas.add(entity, columns.float32_values, values.copy(), values.nbytes)
 
-    def draw_thresholded(self, thresholded: Thresholded) -> None:
+    def _draw_thresholded(self, thresholded: Thresholded) -> None:
         """The occupied cells over the map; borders and lines of an earlier time go."""
         layer = thresholded.layer
         self._restart(layout.borders(layer))
         self._restart(layout.segments(layer, "grid"))
         picture = thresholded.occupied.astype(np.uint8)
-        self._canvas.layer(layer)
+        self._layers.set_up(layer)
         threshold = np.array([thresholded.threshold])
         self._canvas.add(layout.thresholded(layer), columns.number_records, threshold)
         self._canvas.draw_classes(layout.thresholded(layer), picture, layout.ORDER_THRESHOLDED)
 
-    def draw_classes(self, classes: Classes) -> None:
+    def _draw_classes(self, classes: Classes) -> None:
         """The class map, a view of its own."""
-        set_up = functools.partial(scene.set_up_classes, names=classes.names)
-        self._canvas.prepare(f"{layout.CLASSES}/names", set_up)
+        self._canvas.prepare(f"{layout.CLASSES}/names", scene.set_up_classes, classes.names)
         self._canvas.draw_classes(layout.CLASSES, classes.codes, layout.ORDER_CLASSES)
 
-    def draw_border(self, border: Border) -> None:
+    def _draw_border(self, border: Border) -> None:
         """One more border, closed, through the centres of its cells."""
         root = layout.borders(border.layer)
         centres = border.geometry.centres_of(np.vstack([border.cells, border.cells[:1]]))
         label = f"border {border.number}, {'outer' if border.outer else 'hole'}"
-        entity = self._gather(root, centres, scene.set_up_borders, label)
+        entity = self._gather(root, centres, label, scene.set_up_borders)
         record = np.column_stack(
             [np.full(len(border.cells), border.number), np.full(len(border.cells), border.outer),
              border.cells]
         ).astype(np.int64)  # fmt: skip
         self._canvas.add(entity, columns.number_records, record, record.nbytes)
+        _draw_border_start(self._canvas, border)
 
-    def draw_raw_points(self, points: RawPoints) -> None:
+    def _draw_raw_points(self, points: RawPoints) -> None:
         """All obstacle points of a layer; raw lines of an earlier time go."""
         self._restart(layout.segments(points.layer, "raw"))
         entity, xy = layout.raw_points(points.layer), np.asarray(points.points_m, np.float64)
-        self._canvas.layer(points.layer)
+        self._layers.set_up(points.layer)
         self._canvas.add(entity, columns.points, xy, xy.nbytes)
         self._canvas.add(entity, columns.number_records, xy, xy.nbytes)
 
-    def draw_segment(self, segment: Segment) -> None:
+    def _draw_segment(self, segment: Segment) -> None:
         """One more straight line."""
         root = layout.segments(segment.layer, segment.source)
-        set_up = functools.partial(scene.set_up_segments, raw=segment.source == "raw")
         label = f"{segment.length_m:.2f} m, rms {1000 * segment.rms_m:.0f} mm, n {segment.points}"
         ends = np.array([segment.start_m, segment.end_m])
-        entity = self._gather(root, ends, set_up, label)
+        entity = self._gather(root, ends, label, scene.set_up_segments, segment.source == "raw")
         border = np.nan if segment.border is None else segment.border
         record = np.array(
             [*segment.start_m, *segment.end_m, segment.rho_m, segment.alpha_rad,
@@ -84,16 +120,14 @@ class Results:
         )  # fmt: skip
         self._canvas.add(entity, columns.number_records, record, record.nbytes)
 
-    def _gather(
-        self, root: str, strip: NDArray[np.float64], set_up: scene.SetUp, label: str
-    ) -> str:
+    def _gather(self, root: str, strip: Floats, label: str, set_up: scene.SetUp, *how: Any) -> str:
         """Add a strip to the newest group below a root, and draw that group; its entity."""
         groups = self._gathered.setdefault(root, [[]])
         if len(groups[-1]) == layout.GROUP:
             groups.append([])
         groups[-1].append((strip, label))
         entity = layout.group(root, len(groups) - 1)
-        self._canvas.prepare(entity, set_up)
+        self._canvas.prepare(entity, set_up, *how)
         strips, labels = [each[0] for each in groups[-1]], [each[1] for each in groups[-1]]
         self._canvas.add(entity, columns.strips, strips, sum(s.nbytes for s in strips))
         self._canvas.add(entity, columns.labels, labels, sum(len(text) for text in labels))
@@ -103,3 +137,49 @@ class Results:
         for number, _ in enumerate(self._gathered.pop(root, [])):
             self._canvas.add(layout.group(root, number), columns.strips, [])
             self._canvas.add(layout.group(root, number), columns.labels, [])
+
+
+def _draw_border_start(canvas: Canvas, border: Border) -> None:
+    """An arrow along the first cells of a border."""
+    centres = border.geometry.centres_of(border.cells[: _ARROW_CELLS + 1])
+    strips = [arrow(centres[0], centres[-1])] if len(centres) > 1 else []
+    _for_now(canvas, layout.start_of_border(border.layer), strips, layout.STAGE_PLACE)
+
+
+def _draw_tracer_step(canvas: Canvas, step: TracerStep) -> None:
+    """The way so far, the neighbours that were tried, and an arrow to the next cell."""
+    path = step.geometry.centres_of(step.cells)
+    _for_now(canvas, layout.tracer(step.layer, "path"), [path], layout.STAGE_PIECE)
+    tried = step.geometry.centres_of(step.tried)
+    _points_for_now(canvas, layout.tracer(step.layer, "tried"), np.vstack([path[-1:], tried]))
+    strips = []
+    if step.following is not None:
+        (following,) = step.geometry.centres_of(np.array([step.following], np.int64))
+        strips = [arrow(path[-1], following)]
+    _for_now(canvas, layout.tracer(step.layer, "next"), strips, layout.STAGE_PLACE)
+
+
+def _draw_line_stage(canvas: Canvas, stage: LineStage) -> None:
+    """The pieces in blue, and the cuts, joints or crossings as red dots."""
+    pieces = layout.line_stage(stage.layer, "pieces")
+    _for_now(canvas, pieces, list(stage.pieces_m), layout.STAGE_PIECE)
+    _points_for_now(canvas, layout.line_stage(stage.layer, "places"), stage.places_m)
+
+
+def arrow(start_m: Floats, end_m: Floats) -> Floats:
+    """An arrow as one strip (5, 2): the shaft, and both sides of the head."""
+    along = (end_m - start_m) * _HEAD
+    aside = np.array([-along[1], along[0]]) / 2.0
+    left, right = end_m - along + aside, end_m - along - aside
+    return np.array([start_m, end_m, left, right, end_m])
+
+
+def _for_now(canvas: Canvas, entity: str, strips: list[Floats], colour: Colour) -> None:
+    canvas.prepare(entity, scene.set_up_strips, colour)
+    size = sum(strip.nbytes for strip in strips)
+    canvas.add_for_now(entity, columns.strips, strips, [], size)
+
+
+def _points_for_now(canvas: Canvas, entity: str, points_m: Floats) -> None:
+    canvas.prepare(entity, scene.set_up_places)
+    canvas.add_for_now(entity, columns.points, points_m, np.zeros((0, 2)), points_m.nbytes)

@@ -16,22 +16,22 @@ from mapping.artifacts import Started
 from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.columns import image_format
-from replay.rrd.layout import Colour, Tiling
+from replay.rrd.explanation import LEGEND
+from replay.rrd.layout import Colour, Place, Tiling
 from replay.rrd.pictures import Named, percent_names
-from replay.rrd.words import LEGEND
+from replay.rrd.sink import Sink
 
 _MARKDOWN = "text/markdown"
 
-SetUp = Callable[[rr.RecordingStream, str], None]
+SetUp = Callable[..., None]  # of a sink, an entity, and how it looks
 
 
-def set_up(recording: rr.RecordingStream, started: Started, config_text: str) -> None:
+def set_up(sink: Sink, started: Started, config_text: str) -> None:
     """Everything that all layers share."""
-    y_up = [[1, 0, 0], [0, -1, 0], [0, 0, 1]]
-    _static(recording, layout.MAP, rr.Transform3D(mat3x3=y_up))
+    set_up_plane(sink)
     geometry = started.geometry
     where = np.array([*geometry.origin_m, geometry.resolution_m], np.float64)
-    _static(recording, layout.GRID, rr.AnyValues(
+    sink.log(layout.GRID, rr.AnyValues(
         where_m=where, shape=np.array(geometry.shape, np.int64), layers=list(started.layers),
         walls_m=started.walls_m.astype(np.float64).ravel(),
     ))  # fmt: skip
@@ -39,72 +39,73 @@ def set_up(recording: rr.RecordingStream, started: Started, config_text: str) ->
         walls = rr.LineStrips2D(
             started.walls_m, colors=[layout.WALL], radii=-1.5, draw_order=layout.ORDER_WALLS
         )
-        _static(recording, layout.WALLS, walls)
-    _static(recording, layout.ROBOT, rr.Arrows2D.from_fields(
+        sink.log(layout.WALLS, walls)
+    sink.log(layout.ROBOT, rr.Arrows2D.from_fields(
         colors=[layout.ROBOT_COLOUR], radii=[-3.0], draw_order=layout.ORDER_ROBOT
     ))  # fmt: skip
-    set_up_story(recording, layout.EXPLANATION)
-    _static(recording, layout.LEGEND, rr.TextDocument(LEGEND, media_type=_MARKDOWN))
-    _static(recording, layout.CONFIG, rr.TextDocument(config_text, media_type="text/plain"))
+    set_up_texts(sink, config_text)
 
 
-def set_up_story(recording: rr.RecordingStream, entity: str) -> None:
+def set_up_plane(sink: Sink) -> None:
+    """The frame of the map, with y up."""
+    sink.log(layout.MAP, rr.Transform3D(mat3x3=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]))
+
+
+def set_up_texts(sink: Sink, config_text: str) -> None:
+    """What stands beside the maps: the explanations to come, the legend, the configuration."""
+    set_up_markdown(sink, layout.EXPLANATION)
+    sink.log(layout.LEGEND, rr.TextDocument(LEGEND, media_type=_MARKDOWN))
+    sink.log(layout.CONFIG, rr.TextDocument(config_text, media_type="text/plain"))
+
+
+def set_up_markdown(sink: Sink, entity: str) -> None:
     """That the texts of an entity are markdown."""
-    _static(recording, entity, rr.TextDocument.from_fields(media_type=_MARKDOWN))
+    sink.log(entity, rr.TextDocument.from_fields(media_type=_MARKDOWN))
 
 
-def set_up_layer(recording: rr.RecordingStream, layer: str, colour: Colour) -> None:
+def set_up_layer(sink: Sink, layer: str, colour: Colour) -> None:
     """The styles of one layer's overlays and lines; its sensor's things are in ``colour``."""
-    set_up_opaque(recording, layout.merged(layer), percent_names())
+    set_up_opaque(sink, layout.merged(layer), percent_names())
     occupied = [(0, "", (0, 0, 0, 0)), (1, "above the threshold", layout.OCCUPIED)]
-    _colour_table(recording, layout.thresholded(layer), occupied)
-    _lines(recording, layout.beam(layer), colour, -1.5, layout.ORDER_BEAM)
+    _colour_table(sink, layout.thresholded(layer), occupied)
+    _lines(sink, layout.beam(layer), colour, -1.5, layout.ORDER_BEAM)
     for entity in (layout.points(layer), layout.raw_points(layer)):
-        set_up_points(recording, entity, colour)
+        set_up_points(sink, entity, colour)
 
 
-def set_up_patches(recording: rr.RecordingStream, entity: str) -> None:
-    """The style of pictures of what a reading says or changed."""
+def set_up_patches(sink: Sink, entity: str) -> None:
+    """The style of pictures of the evidence of a reading, or what it changed."""
     look = rr.EncodedImage.from_fields(
         media_type="image/png", opacity=0.999, draw_order=layout.ORDER_PATCH
     )
-    _static(recording, entity, look)
+    sink.log(entity, look)
 
 
-def set_up_points(recording: rr.RecordingStream, entity: str, colour: Colour) -> None:
+def set_up_points(sink: Sink, entity: str, colour: Colour) -> None:
     """The style of obstacle points."""
-    look = rr.Points2D.from_fields(colors=[colour], radii=[-1.75], draw_order=layout.ORDER_POINTS)
-    _static(recording, entity, look)
+    _dots(sink, entity, colour, -1.75, layout.ORDER_POINTS)
 
 
-def set_up_path(recording: rr.RecordingStream, entity: str) -> None:
+def set_up_path(sink: Sink, entity: str) -> None:
     """The style of where the robot was."""
-    look = rr.Points2D.from_fields(
-        colors=[layout.PATH_COLOUR], radii=[-1.5], draw_order=layout.ORDER_PATH
-    )
-    _static(recording, entity, look)
+    _dots(sink, entity, layout.PATH_COLOUR, -1.5, layout.ORDER_PATH)
 
 
-def set_up_tile(
-    recording: rr.RecordingStream, entity: str, tiling: Tiling, place: tuple[int, int], *,
-    order: float, opaque: bool,
-) -> None:  # fmt: skip
+def set_up_tile(sink: Sink, entity: str, tiling: Tiling, place: Place, order: float) -> None:
     """Place and size of one tile, so that its rows hold nothing but cells."""
     geometry, window = tiling.geometry, tiling.window(*place)
     corner = [*layout.corner_m(geometry, window), layout.plane_m(order)]
     scale = geometry.resolution_m * (1.0 - layout.TILE_SHRINKAGE)
     look = rr.SegmentationImage.from_fields(
         format=image_format((window.rows, window.cols)),
-        opacity=1.0 if opaque else 0.999,
+        opacity=1.0 if order in (layout.ORDER_CLASSES, layout.ORDER_TILES) else 0.999,
         draw_order=order,
     )
     where = rr.Transform3D(translation=corner, scale=scale)
-    _static(recording, entity, where, look)
+    sink.log(entity, where, look)
 
 
-def set_up_never_seen(
-    recording: rr.RecordingStream, root: str, geometry: GridGeometry, number: int
-) -> None:
+def set_up_never_seen(sink: Sink, root: str, geometry: GridGeometry, number: int) -> None:
     """One large cell of class ``number`` below all tiles: tiles exist only where there is more."""
     entity = layout.never_seen(root)
     corner = [*geometry.origin_m, layout.plane_m(layout.ORDER_NEVER_SEEN)]
@@ -112,59 +113,56 @@ def set_up_never_seen(
     image = rr.SegmentationImage(
         np.full((1, 1), number, np.uint8), opacity=1.0, draw_order=layout.ORDER_NEVER_SEEN
     )
-    _static(recording, entity, where, image)
+    sink.log(entity, where, image)
 
 
-def set_up_borders(recording: rr.RecordingStream, entity: str) -> None:
-    """The style of a group of borders; what each is called is told where it is pointed at."""
-    _lines(recording, entity, layout.BORDER, -1.0, layout.ORDER_BORDERS)
-    _static(recording, entity, rr.LineStrips2D.from_fields(show_labels=False))
+def set_up_borders(sink: Sink, entity: str) -> None:
+    """The style of a group of borders; its label shows where it is pointed at."""
+    _lines(sink, entity, layout.BORDER, -1.0, layout.ORDER_BORDERS)
+    sink.log(entity, rr.LineStrips2D.from_fields(show_labels=False))
 
 
-def set_up_segments(recording: rr.RecordingStream, entity: str, *, raw: bool) -> None:
+def set_up_segments(sink: Sink, entity: str, raw: bool) -> None:
     """The style of a group of segments, of raw points or of a grid."""
     colour = layout.RAW_SEGMENT if raw else layout.SEGMENT
-    _lines(recording, entity, colour, -2.5, layout.ORDER_SEGMENTS)
-    _static(recording, entity, rr.LineStrips2D.from_fields(show_labels=False))
+    _lines(sink, entity, colour, -2.5, layout.ORDER_SEGMENTS)
+    sink.log(entity, rr.LineStrips2D.from_fields(show_labels=False))
 
 
-def set_up_two_classes(recording: rr.RecordingStream, root: str, first: str, second: str) -> None:
+def set_up_two_classes(sink: Sink, root: str, first: str, second: str) -> None:
     """Names of the cells of a black and white picture: the first are light, the second dark."""
-    set_up_opaque(recording, root, [(0, first, layout.PAPER), (1, second, layout.INK)])
+    set_up_opaque(sink, root, [(0, first, layout.PAPER), (1, second, layout.INK)])
 
 
-def set_up_strips(recording: rr.RecordingStream, entity: str, colour: Colour) -> None:
+def set_up_strips(sink: Sink, entity: str, colour: Colour) -> None:
     """The style of what is shown on the way to borders and lines."""
-    _lines(recording, entity, colour, -2.0, layout.ORDER_STAGES)
+    _lines(sink, entity, colour, -2.0, layout.ORDER_STAGES)
 
 
-def set_up_places(recording: rr.RecordingStream, entity: str) -> None:
+def set_up_places(sink: Sink, entity: str) -> None:
     """The style of the places of note among it."""
-    look = rr.Points2D.from_fields(
-        colors=[layout.STAGE_PLACE], radii=[-3.0], draw_order=layout.ORDER_STAGES + 0.5
-    )
-    _static(recording, entity, look)
+    _dots(sink, entity, layout.STAGE_PLACE, -3.0, layout.ORDER_STAGES + 0.5)
 
 
-def set_up_extra(recording: rr.RecordingStream, entity: str, *, name: str) -> None:
+def set_up_extra(sink: Sink, entity: str, name: str) -> None:
     """The name of a further array, as it was given."""
-    _static(recording, entity, rr.AnyValues(name=name))
+    sink.log(entity, rr.AnyValues(name=name))
 
 
-def set_up_sensor(recording: rr.RecordingStream, entity: str, *, name: str, colour: Colour) -> None:
+def set_up_sensor(sink: Sink, entity: str, name: str, colour: Colour) -> None:
     """The name and colour of one sensor's line in the plot of ranges."""
-    _static(recording, entity, rr.SeriesLines(names=[name], colors=[colour], widths=[1.5]))
-    _static(recording, entity, rr.SeriesPoints(names=[name], colors=[colour], marker_sizes=[3]))
+    sink.log(entity, rr.SeriesLines(names=[name], colors=[colour], widths=[1.5]))
+    sink.log(entity, rr.SeriesPoints(names=[name], colors=[colour], marker_sizes=[3]))
 
 
-def set_up_classes(recording: rr.RecordingStream, _: str, *, names: Sequence[str]) -> None:
+def set_up_classes(sink: Sink, _: str, names: Sequence[str]) -> None:
     """Names and colours of the class map."""
     named = [(number, name, layout.class_colour(name, number)) for number, name in enumerate(names)]
-    set_up_opaque(recording, layout.CLASSES, named)
-    _static(recording, layout.CLASSES, rr.AnyValues(names=list(names)))
+    set_up_opaque(sink, layout.CLASSES, named)
+    sink.log(layout.CLASSES, rr.AnyValues(names=list(names)))
 
 
-def set_up_opaque(recording: rr.RecordingStream, entity: str, named: Sequence[Named]) -> None:
+def set_up_opaque(sink: Sink, entity: str, named: Sequence[Named]) -> None:
     """Names and colours of a grid's numbers, all opaque.
 
     One colour that is not, even of a number that no cell has, and the viewer draws it all as
@@ -172,21 +170,20 @@ def set_up_opaque(recording: rr.RecordingStream, entity: str, named: Sequence[Na
     """
     known = {number for number, _, _ in named}
     others = [(number, "", layout.NEVER_SEEN) for number in range(256) if number not in known]
-    _colour_table(recording, entity, [*named, *others])
+    _colour_table(sink, entity, [*named, *others])
 
 
-def _colour_table(recording: rr.RecordingStream, entity: str, named: Sequence[Named]) -> None:
+def _colour_table(sink: Sink, entity: str, named: Sequence[Named]) -> None:
     infos = [rr.AnnotationInfo(number, name, colour) for number, name, colour in named]
-    _static(recording, entity, rr.AnnotationContext(infos))
+    sink.log(entity, rr.AnnotationContext(infos))
 
 
-def _lines(
-    recording: rr.RecordingStream, entity: str, colour: Colour, radius: float, order: float
-) -> None:
+def _dots(sink: Sink, entity: str, colour: Colour, radius: float, order: float) -> None:
+    """A style of points; a negative radius is in points of the screen."""
+    sink.log(entity, rr.Points2D.from_fields(colors=[colour], radii=[radius], draw_order=order))
+
+
+def _lines(sink: Sink, entity: str, colour: Colour, radius: float, order: float) -> None:
     """A style of line strips; a negative radius is in points of the screen."""
     style = rr.LineStrips2D.from_fields(colors=[colour], radii=[radius], draw_order=order)
-    _static(recording, entity, style)
-
-
-def _static(recording: rr.RecordingStream, entity: str, *what: rr.AsComponents) -> None:
-    recording.log(entity, *what, static=True, strict=True)
+    sink.log(entity, style)

@@ -1,4 +1,4 @@
-"""Keep a recording within its budget by leaving things out, and say what was left out.
+"""Keep a recording within its budget by leaving things out, and report what was left out.
 
 What a reading costs is known only once some are written. So the writer reports the size of the
 file from time to time. Where the rest of the session would not fit, a later stage is taken: the
@@ -49,6 +49,17 @@ _EARLY, _LITTLE = 0.02, 0.1
 _PATIENCE = 0.6  # by how much the rest may seem too much at the very beginning; less and less later
 
 
+@dataclass(frozen=True, slots=True)
+class Detail:
+    """How much of one reading is recorded: whether it is drawn, with its exact values, and with
+    what it changed. ``left_out`` describes what was left out so far."""
+
+    shown: bool = True
+    exact: bool = True
+    changes: bool = True
+    left_out: str = ""
+
+
 @dataclass(slots=True)
 class Thinning:
     """Which readings are shown (every ``every``-th at least), and which with exact values."""
@@ -63,43 +74,29 @@ class Thinning:
     _seen: int = 0
     _seen_then: int = 0
     _bytes_then: int = 0
-    _owed_then: int = 0
+    _reserved_then: int = 0
     _done_then: float = 0.0
-    _shown_now: bool = field(default=True)
 
-    def next_is_shown(self) -> bool:
-        """Count one more reading; whether it is to be shown."""
-        every = self.every * self._stages[self._stage].every
-        self._shown_now = self._seen % every == 0
-        self._seen += 1
-        return self._shown_now
+    def next(self) -> Detail:
+        """Count one more reading; how much of it is to be recorded.
 
-    @property
-    def exact(self) -> bool:
-        """Whether the newest reading gets its exact values."""
-        return (
-            self._shown_now and (self._seen - 1) % self._exact_every(self._stages[self._stage]) == 0
-        )
-
-    @property
-    def tells_all(self) -> bool:
-        """Whether every reading shown gets them."""
+        One that is not shown has its exact values where all that are shown have theirs.
+        """
         stage = self._stages[self._stage]
-        return self._exact_every(stage) == self.every * stage.every
-
-    @property
-    def changes(self) -> bool:
-        """Whether what a reading changed is drawn by itself."""
-        return self._stages[self._stage].changes
+        every, exact_every = self.every * stage.every, self._exact_every(stage)
+        shown = self._seen % every == 0
+        exact = self._seen % exact_every == 0 if shown else exact_every == every
+        self._seen += 1
+        return Detail(shown, exact, stage.changes, self.left_out)
 
     def review(
-        self, size_bytes: int, done: float, owed_bytes: int = 0, exact_share: float = 1.0
+        self, size_bytes: int, done: float, reserved_bytes: int = 0, exact_share: float = 1.0
     ) -> str:
         """Take another stage when the file would outgrow its budget, or an earlier one again.
 
         ``size_bytes`` is the file so far, ``done`` the part of the session's time that is mapped
-        (0 .. 1), ``owed_bytes`` what the end will add however little is shown, ``exact_share`` the
-        part of what was written lately that is exact values. Returns what was decided as a
+        (0 .. 1), ``reserved_bytes`` what the end will add however little is shown, ``exact_share``
+        the part of what was written lately that is exact values. Returns what was decided as a
         sentence, or nothing.
         """
         seen, grown = self._seen - self._seen_then, size_bytes - self._bytes_then
@@ -112,8 +109,8 @@ class Thinning:
             self._choose_stages(exact_share)
         cost = grown / seen
         self._remember(cost, done)
-        owed_bytes += self._growth_of_owed(owed_bytes, done)
-        room = max(self.budget_bytes * (1.0 - _RESERVE) - size_bytes - owed_bytes, 0.0)
+        reserved_bytes += self._growth_of_reserved(reserved_bytes, done)
+        room = max(self.budget_bytes * (1.0 - _RESERVE) - size_bytes - reserved_bytes, 0.0)
         if done < _EARLY and size_bytes < _LITTLE * self.budget_bytes:
             return ""
         if cost * to_come > room * (1.0 + _PATIENCE * (1.0 - done)):
@@ -130,17 +127,17 @@ class Thinning:
             return "From here on nothing is left out again."
         return self._sentence(now, "from here on")
 
-    def _growth_of_owed(self, owed_bytes: int, done: float) -> int:
+    def _growth_of_reserved(self, reserved_bytes: int, done: float) -> int:
         """How much more the end will add, if the map goes on growing as it did lately.
 
         Twice as much at most: a map grows fast at first.
         """
-        owed_then, done_then = self._owed_then, self._done_then
-        self._owed_then, self._done_then = owed_bytes, done
+        reserved_then, done_then = self._reserved_then, self._done_then
+        self._reserved_then, self._done_then = reserved_bytes, done
         if done_then == 0.0 or done <= done_then:
             return 0
-        growth = (owed_bytes - owed_then) * (1.0 - done) / (done - done_then)
-        return int(min(max(growth, 0.0), owed_bytes))
+        growth = (reserved_bytes - reserved_then) * (1.0 - done) / (done - done_then)
+        return int(min(max(growth, 0.0), reserved_bytes))
 
     def _choose_stages(self, exact_share: float) -> None:
         stages = _WHERE_EXACT_IS_DEAR if exact_share > _DEAR else _WHERE_EXACT_IS_CHEAP
@@ -149,7 +146,7 @@ class Thinning:
             self._costs.clear()
 
     def _remember(self, cost: float, done: float) -> None:
-        """Note what a reading costs at this stage; what others cost says less, the longer ago."""
+        """Note what a reading costs at this stage; what others cost counts less, the longer ago."""
         for stage in self._costs:
             self._costs[stage] *= _REMEMBERED ** (done - self._done_then)
         self._costs[self._stage] = cost
@@ -179,13 +176,14 @@ class Thinning:
 
     def _sentence(self, stage: _Stage, where: str) -> str:
         every = self.every * stage.every
-        said = ["every reading is shown" if every == 1 else f"one reading of {every} is shown"]
+        parts = ["every reading is shown" if every == 1 else f"one reading of {every} is shown"]
         if self._exact_every(stage) != every:
-            said.append(f"exact values are kept at one of {self._exact_every(stage)} readings")
+            parts.append(f"exact values are kept at one of {self._exact_every(stage)} readings")
         if not stage.changes:
-            said.append("the differences that readings made are not drawn")
-        told = f"{', '.join(said[:-1])} and {said[-1]}" if len(said) > 1 else said[0]
+            parts.append("the differences that readings made are not drawn")
+        *but_last, last = parts
+        what = f"{', '.join(but_last)} and {last}" if but_last else last
         return (
             f"To stay under {self.budget_bytes / 1e6:g} MB, this file leaves something out: "
-            f"{where} {told}. All readings go into the map."
+            f"{where} {what}. All readings go into the map."
         )

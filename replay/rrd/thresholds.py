@@ -6,19 +6,17 @@ snapshot, each in a place of its own, so that they stand beside each other in a 
 
 from __future__ import annotations
 
-import functools
-
 import numpy as np
-import rerun as rr
 
 from mapping.artifacts import Artifact, Snapshot, Started
 from mapping.borders import threshold_layer, trace_borders
 from mapping.config import BordersSection
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
+from replay.tables import markdown_table
 
 
-class ThresholdsCompanion:
+class ThresholdsOverlay:
     """Draws every snapshot at several thresholds; the tracer is the configuration's."""
 
     def __init__(self, section: BordersSection) -> None:
@@ -32,13 +30,15 @@ class ThresholdsCompanion:
         if not isinstance(artifact, Snapshot) or not self._thresholds:
             return ""
         rows = [self._draw_one(canvas, artifact, threshold) for threshold in self._thresholds]
-        head = ["Above each threshold:\n", "| threshold | cells | borders |", "|---|---|---|"]
-        return "\n".join([*head, *rows])
+        table = markdown_table([("threshold", "cells", "borders"), *rows])
+        return f"Above each threshold:\n\n{table}"
 
-    def _draw_one(self, canvas: Canvas, snapshot: Snapshot, threshold: float) -> str:
+    def _draw_one(self, canvas: Canvas, snapshot: Snapshot, threshold: float) -> tuple[str, ...]:
         layer = snapshot.layer
         root = layout.compared(layer.name, threshold)
-        canvas.prepare(root, functools.partial(_set_up, threshold=threshold))
+        canvas.prepare(
+            root, scene.set_up_two_classes, "at most the threshold", f"above {threshold:g}"
+        )
         occupied = threshold_layer(layer, threshold).occupied
         canvas.draw_classes(root, occupied.astype(np.uint8), layout.ORDER_CLASSES)
         borders = trace_borders(occupied, tracer=self._tracer)
@@ -49,8 +49,4 @@ class ThresholdsCompanion:
         entity = f"{root}/borders"
         canvas.prepare(entity, scene.set_up_borders)
         canvas.add(entity, columns.strips, strips, sum(strip.nbytes for strip in strips))
-        return f"| {threshold:g} | {int(occupied.sum()):,} | {len(borders):,} |"
-
-
-def _set_up(recording: rr.RecordingStream, root: str, *, threshold: float) -> None:
-    scene.set_up_two_classes(recording, root, "at most the threshold", f"above {threshold:g}")
+        return f"{threshold:g}", f"{int(occupied.sum()):,}", f"{len(borders):,}"

@@ -1,7 +1,7 @@
-"""The newest state of each layer, kept by the writer, and which of its tiles the file lacks.
+"""The newest state of each layer, and which of its tiles the file lacks.
 
-A reading tells only what happened inside its window. The writer keeps the whole grid, so that a
-tile can be written complete, and so that readings left out of the recording still count.
+A reading changes a window. The whole grid is kept, so that a tile can be written complete, and so
+that readings left out of the recording still count.
 """
 
 from __future__ import annotations
@@ -12,31 +12,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from mapping.grid import Window, start_of
-from mapping.update_rules import UPDATE_RULES
-from mapping.update_rules.rules import share_of_largest
-from replay.rrd.layout import Tiling
+from mapping.grid import Window
+from mapping.update_rules import UpdateRule, rule_of
+from replay.rrd.layout import Place, Tiling
 from replay.rrd.pictures import UNSEEN, percent_classes
-
-Place = tuple[int, int]
 
 _CODEC = pa.Codec("lz4_raw")  # as the file packs
 _TRIED_TILES = 16
 T = TypeVar("T", bound=np.generic)
-
-
-def start_value(kind: str, rule: str) -> float:
-    """What a cell holds before any reading, by the rule itself where it is known."""
-    known = UPDATE_RULES.get(rule)
-    if known is None or known.kind != kind:
-        return start_of(kind)
-    cells = {name: np.full((1, 1), value) for name, value in known.start.items()}
-    return float(np.float32(known.values(cells)[0, 0]))
-
-
-def is_against_largest(rule: str) -> bool:
-    """Whether the rule's probability is a share of the map's largest value."""
-    return rule in UPDATE_RULES and UPDATE_RULES[rule].against_largest
 
 
 class LayerTiles:
@@ -54,7 +37,8 @@ class LayerTiles:
         self.observed: NDArray[np.bool_] = np.zeros(shape, bool)
         self._undrawn, self._inexact, self._stale = (np.zeros(tiling.shape, bool) for _ in range(3))
         self._begun = False
-        self._shares, self._largest = False, 0.0
+        self._rule: UpdateRule | None = None  # where its pictures need the largest value
+        self._largest = 0.0
         self._seen = Window(0, 0, 0, 0)
 
     def begin(self, kind: str, rule: str = "") -> bool:
@@ -62,10 +46,11 @@ class LayerTiles:
         if self._begun:
             return False
         self._begun = True
-        self._shares = is_against_largest(rule)
-        start = start_value(kind, rule)
-        if start != 0.0:
-            self.values[:] = start
+        known = rule_of(kind, rule)
+        if known.against_largest:
+            self._rule = known
+        if known.start_value != 0.0:
+            self.values[:] = known.start_value
         return True
 
     def see(self, window: Window, touched: NDArray[np.bool_]) -> None:
@@ -87,12 +72,13 @@ class LayerTiles:
         """Take the window's new values; arrays cover the window."""
         part = window.slices
         new = np.ascontiguousarray(values, np.float32)
-        before = self.values[part].max(initial=0.0) if self._shares else 0.0
+        before = self.values[part].max(initial=0.0) if self._rule else 0.0
         # Compared as bits: NaN equals itself, and 0.0 is not -0.0.
         self._take(self.values.view(np.uint32), new.view(np.uint32), window, self._inexact)
-        self._redraw(window, percent_classes(probability, self.observed[part]))
-        if self._shares:
-            self._follow_largest(float(new.max(initial=0.0)), float(before))
+        shades = percent_classes(probability, self.observed[part])
+        self._take(self.picture, shades, window, self._undrawn)
+        if self._rule is not None:
+            self._follow_largest(self._rule, float(new.max(initial=0.0)), float(before))
 
     def take_undrawn(self) -> list[tuple[Place, NDArray[np.uint8]]]:
         """Tiles whose picture changed since last asked: place and a copy of the picture."""
@@ -108,7 +94,7 @@ class LayerTiles:
         self._stale[:] = False
         return self.take_inexact()
 
-    def told(self) -> None:
+    def mark_logged(self) -> None:
         """The file holds all values now, though not as whole tiles."""
         self._stale |= self._inexact
         self._inexact[:] = False
@@ -129,9 +115,6 @@ class LayerTiles:
         """Whether all values are in the file as they are now."""
         return self._begun and not self._inexact.any()
 
-    def _redraw(self, window: Window, picture: NDArray[np.uint8]) -> None:
-        self._take(self.picture, picture, window, self._undrawn)
-
     def _take(
         self, grid: NDArray[T], new: NDArray[T], window: Window, differing: NDArray[np.bool_]
     ) -> None:
@@ -140,7 +123,7 @@ class LayerTiles:
 
         take(grid, new, window.row0, window.col0, self.tiling.side, differing)
 
-    def _follow_largest(self, now: float, before: float) -> None:
+    def _follow_largest(self, rule: UpdateRule, now: float, before: float) -> None:
         """Draw all cells anew when the largest value of the whole map is another one."""
         largest = self._largest
         if now >= largest:
@@ -149,9 +132,10 @@ class LayerTiles:
             self._largest = float(self.values.max(initial=0.0))
         if self._largest != largest and not self._seen.empty:
             part = self._seen.slices
-            shares = share_of_largest(self.values[part].astype(np.float64), self._largest)
+            values = self.values[part].astype(np.float64)
+            shares = rule.probability_of_values(values, self._largest, {})
             picture = percent_classes(shares.astype(np.float32), self.observed[part])
-            self._redraw(self._seen, picture)
+            self._take(self.picture, picture, self._seen, self._undrawn)
 
     def _cut(self, grid: NDArray[T], place: Place) -> NDArray[T]:
         return grid[self.tiling.window(*place).slices].copy()

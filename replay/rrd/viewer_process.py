@@ -27,8 +27,8 @@ class ViewerProcess:
     """A viewer that listens on ``ports`` of this machine.
 
     ``arguments(ports)`` are those of its command line besides ``--bind``; ``count`` is how many
-    ports it needs; in its ``own_session`` it hears no Ctrl-C of ours. Raises BadInput, with what it
-    said, when it does not start.
+    ports it needs; in its ``own_session`` no Ctrl-C of ours reaches it. Raises BadInput, with the
+    last line of its log, when it does not start.
     """
 
     def __init__(self, arguments: Arguments, count: int, *, own_session: bool = False) -> None:
@@ -45,9 +45,9 @@ class ViewerProcess:
                 self._wait_until_listening()
                 return
             except BaseException as error:
-                said = self._said()
+                log = self._logged()
                 self.stop()
-                if not isinstance(error, BadInput) or attempt == _ATTEMPTS - 1 or _final(said):
+                if not isinstance(error, BadInput) or attempt == _ATTEMPTS - 1 or _final(log):
                     raise
 
     @property
@@ -81,21 +81,21 @@ class ViewerProcess:
                 return
         raise BadInput("the viewer did not start in time")
 
-    def _said(self) -> str:
+    def _logged(self) -> str:
         self._log.seek(0)
         return self._log.read().decode(errors="replace")
 
     def _why_not(self) -> str:
-        said = self._said()
-        if _final(said):
+        log = self._logged()
+        if _final(log):
             return NEEDS_DRIVER
-        lines = said.strip().splitlines() or ["it did not say why"]
+        lines = log.strip().splitlines() or ["it gave no reason"]
         return f"the viewer stopped: {lines[-1]}"
 
 
-def _final(said: str) -> bool:
+def _final(log: str) -> bool:
     """Whether starting it again cannot help: there is nothing to draw with."""
-    return "adapter" in said.lower()
+    return "adapter" in log.lower()
 
 
 def until(seconds: float) -> Iterator[None]:

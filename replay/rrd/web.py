@@ -16,7 +16,6 @@ import threading
 import urllib.parse
 from http import HTTPStatus
 from pathlib import Path
-from types import TracebackType
 
 from replay.rrd.program import LOCAL
 from replay.rrd.viewer_process import ViewerProcess
@@ -30,7 +29,7 @@ _ELSEWHERE = re.compile(  # in the page: links, and style sheets that a style sh
 )
 
 
-class WebViewer:
+class WebViewer(contextlib.AbstractContextManager["WebViewer"]):
     """Serve one recording to a browser; ``url`` is the page. Use it as a context.
 
     Without a recording it waits for what is logged to ``source``.
@@ -57,15 +56,7 @@ class WebViewer:
         quoted = urllib.parse.quote(self.source, safe="")
         self.url = f"http://{LOCAL}:{self._door.server_port}/?url={quoted}"
 
-    def __enter__(self) -> WebViewer:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     def wait(self) -> None:
@@ -115,4 +106,4 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self.wfile.write(body)
 
     def log_message(self, format: str, *args: object) -> None:
-        """Say nothing: every picture and font would be a line."""
+        """Log nothing: every picture and font would be a line."""

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
+from mapping.update_rules import unit_gives_start
 from recorder.errors import BadInput
 from recorder.outputs import written_beside
 from replay.diff.layers import Line, MapLayer, Outline, Source, Values, value_layer
@@ -64,7 +65,9 @@ def one_layer(path: Path, arrays: Arrays) -> MapLayer:
         if key not in _NOT_EXTRA and array.shape == values.shape and array.dtype.kind == "f"
     }
     name = str(arrays["layer"]) if "layer" in arrays else path.stem
-    return value_layer(name, _kind(arrays, "kind"), geometry, values, extra=extra)
+    return value_layer(
+        name, _kind(arrays, "kind"), geometry, values, start=_start(arrays, "start"), extra=extra
+    )
 
 
 def _of_many(path: Path, arrays: Arrays, name: str) -> MapLayer:
@@ -89,7 +92,7 @@ def _of_many(path: Path, arrays: Arrays, name: str) -> MapLayer:
     }
     return value_layer(
         name, _kind(arrays, f"{name}/kind"), _geometry(path, arrays, values), values,
-        extra=extra, lines=lines, borders=borders,
+        start=_start(arrays, f"{name}/start"), extra=extra, lines=lines, borders=borders,
     )  # fmt: skip
 
 
@@ -128,6 +131,8 @@ def _layer_arrays(name: str, layer: MapLayer, path: Path) -> dict[str, NDArray[A
         f"{name}/kind": np.array(layer.kind),
         **{f"{name}/extra/{key}": array for key, array in layer.extra.items()},
     }
+    if not unit_gives_start(layer.kind, layer.start):
+        arrays[f"{name}/start"] = np.array(layer.start, np.float32)
     if layer.lines is not None:
         ends = [(line.start_m, line.end_m) for line in layer.lines]
         arrays[f"{name}/lines_m"] = np.array(ends, np.float64).reshape(-1, 2, 2)
@@ -155,6 +160,14 @@ def _kind(arrays: Arrays, key: str) -> str:
     return str(arrays[key]) if key in arrays else "probability"
 
 
+def _start(arrays: Arrays, key: str) -> float | None:
+    """What a cell began with, which the file of a rule that is not built in holds."""
+    start = arrays.get(key)
+    return (
+        float(start) if start is not None and not start.ndim and start.dtype.kind == "f" else None
+    )
+
+
 def _geometry(path: Path, arrays: Arrays, values: Values) -> GridGeometry:
     missing = [key for key in ("origin_m", "resolution_m") if key not in arrays]
     if missing:
@@ -165,5 +178,5 @@ def _geometry(path: Path, arrays: Arrays, values: Values) -> GridGeometry:
     except (TypeError, ValueError):
         raise BadInput(f"{path}: its origin_m or resolution_m are no numbers") from None
     if not (np.isfinite([x, y, resolution_m]).all() and resolution_m > 0.0):
-        raise BadInput(f"{path}: its origin_m or resolution_m say no place")
+        raise BadInput(f"{path}: its origin_m or resolution_m give no place")
     return GridGeometry((x, y), resolution_m, *values.shape)

@@ -44,11 +44,11 @@ def _maps(folder: Path) -> Source:
 
 
 def _config(file: Path) -> str:
-    """The configuration in force; empty where the folder does not tell it."""
+    """The configuration in force; empty where the folder does not hold it."""
     if not file.is_file():
         return ""
-    said = _json(file)
-    return str(said.get("config_toml", "")) if isinstance(said, dict) else ""
+    summary = _json(file)
+    return str(summary.get("config_toml", "")) if isinstance(summary, dict) else ""
 
 
 def _lines(folder: Path, name: str) -> tuple[Line, ...] | None:

@@ -18,7 +18,6 @@ from replay.diff.layers import (
     value_layer,
 )
 from replay.rrd.reader import RrdRecording, map_names, read_rrd
-from replay.rrd.rooted import root_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,9 +38,9 @@ class RecordedSteps:
 
     def grids(self, layer: str) -> Iterator[tuple[Moment, Values]]:
         """Each step at which the layer's values are exact, with the whole grid."""
-        said = {step.step: step for step in self.recording.steps}
+        steps = {step.step: step for step in self.recording.steps}
         for number, grid in self.recording.grids(layer):
-            step = said.get(number)
+            step = steps.get(number)
             reading, artifact = (step.reading, step.artifact) if step else (0, "")
             yield Moment(number, reading, artifact), grid
 
@@ -80,7 +79,7 @@ def _opened(path: Path, name: str) -> RrdRecording:
         if name not in names:
             there = f"the maps in it are {', '.join(names)}" if names else "it holds a single map"
             raise BadInput(f"{path}: no map {name!r}; {there}")
-        return read_rrd(path, root_of(name))
+        return read_rrd(path, name)
     try:
         return read_rrd(path)
     except BadInput:
@@ -105,13 +104,14 @@ def _beam_widths_rad(recording: RrdRecording) -> dict[str, float]:
 
 def _layer(recording: RrdRecording, name: str, beam_width_rad: float | None) -> MapLayer:
     """Only the newest lines and borders count: those of the last time they were worked out."""
-    kind, _ = recording.kind_and_rule(name)
+    kind, rule = recording.kind_and_rule(name)
     snapshots = [s.step for s in recording.steps if s.artifact == "Snapshot" and s.layer == name]
     since = snapshots[-1] if snapshots else 0
     segments = [s for step, s in recording.segments() if s.layer == name and step >= since]
     borders = [b for step, b in recording.borders() if b.layer == name and step >= since]
     return value_layer(
-        name, kind or "probability", recording.geometry, recording.grid(name),
+        name, kind or "probability", recording.geometry, recording.grid(name), rule=rule,
+        start=recording.start_value(name),
         extra=recording.extra(name), lines=tuple(line_of(s) for s in segments),
         borders=tuple(outline_of(b) for b in borders), beam_width_rad=beam_width_rad,
     )  # fmt: skip

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from mapping.artifacts import Artifact, Started
+from mapping.artifacts import Artifact, Snapshot, Started
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
-from mapping.grid import GridGeometry, Layer
+from mapping.grid import GridGeometry
 from mapping.pipeline import build_maps
 from recorder.session import Session, read_session
 from replay.collector import Collector
 from replay.diff.alignment import common_grid
+from replay.diff.divergence import Divergence, Readings, readings_of, walk_in_step
 from replay.diff.layers import MapLayer, Source, line_of, outline_of, value_layer
-from replay.diff.parting import Parting, Readings, readings_of, walk_in_step
 
 Progress = Callable[[int, int], None]
 
@@ -38,7 +38,7 @@ def map_two(
     *,
     tolerance: float,
     progress: Progress | None = None,
-) -> tuple[Source, Source, Parting | None]:
+) -> tuple[Source, Source, Divergence | None]:
     """Two sessions on one grid, and the first reading after which their maps part.
 
     The grid is the one that holds both, unless the configuration sets it. Raises an EchogridError
@@ -56,12 +56,12 @@ def map_two(
         readings_of(streams[1]),
     )
     total = max(len(session.records) for session in sessions)
-    parting = walk_in_step(*sides, tolerance, progress=progress, total=total)
+    divergence = walk_in_step(*sides, tolerance, progress=progress, total=total)
     left, right = (
         _source(session, path, results, config)
         for session, path, results in zip(sessions, (a, b), collected, strict=True)
     )
-    return left, right, parting
+    return left, right, divergence
 
 
 def _watched(artifacts: Iterable[Artifact], results: Collector) -> Iterator[Artifact]:
@@ -72,16 +72,17 @@ def _watched(artifacts: Iterable[Artifact], results: Collector) -> Iterator[Arti
 
 def _source(session: Session, path: Path, results: Collector, config: MappingConfig) -> Source:
     notes = tuple(f"{path.name}: {reason}" for reason in session.damage)
-    layers = {name: _layer(each.layer, results) for name, each in results.snapshots.items()}
+    layers = {name: _layer(each, results) for name, each in results.snapshots.items()}
     return Source(
         path, "session", layers, config_toml=commented_toml(config), notes=notes,
         damaged=bool(session.damage),
     )  # fmt: skip
 
 
-def _layer(layer: Layer, results: Collector) -> MapLayer:
+def _layer(snapshot: Snapshot, results: Collector) -> MapLayer:
+    layer = snapshot.layer
     return value_layer(
-        layer.name, layer.kind, layer.geometry, layer.values, extra=layer.extra,
+        layer.name, layer.kind, layer.geometry, layer.values, rule=snapshot.rule, extra=layer.extra,
         lines=tuple(line_of(s) for s in results.segments if s.layer == layer.name),
         borders=tuple(outline_of(b) for b in results.borders if b.layer == layer.name),
         beam_width_rad=results.beam_widths_rad.get(layer.name),

@@ -1,0 +1,261 @@
+"""Columns in, readings in the map frame out: one placer for a finished session and for a live one.
+
+Of a finished session all poses, mounts and sensors are known beforehand (:class:`Placement`), and
+each reading is placed as it comes. While messages still arrive a reading waits until the poses
+reach past its time, and no longer; one that no pose follows within ``pose.max_gap_s`` could not be
+placed later either. What is dropped is counted by reason.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.config import MappingConfig, Sensor
+from mapping.motion_gathering import LiveMotion
+from mapping.pending import Pending, SensorTable, first_readings
+from mapping.placing import resolve_sensors
+from mapping.poses import FrameTree, Track
+from mapping.readings import Readings
+from mapping.tracks import Frames, Motions, MotionTrack
+from recorder.columns import Block, Floats, Ints
+from recorder.geometry import IDENTITY
+from recorder.messages import HEAD_FRAME, Range, Scan
+
+_LEAST_M = 1e-9
+_TOO_FAR = "pose not finite or too far"
+_STEPPED_BACK = "clock stepped back (reading kept)"
+# Why a reading is dropped; of several reasons the first one counts. 0: it is not.
+REASONS = (
+    "", "not a number", "too close", "zero or negative", "below the sensor's minimum",
+    "saw nothing (skipped)", "no usable beam", "no pose at that time", "no head angle at that time",
+)  # fmt: skip
+_NOT_A_NUMBER, _TOO_CLOSE, _NEGATIVE, _BELOW, _SKIPPED, _NO_BEAM, _NO_POSE, _NO_ANGLE = range(1, 9)
+
+
+@dataclass(frozen=True, slots=True)
+class Placement:
+    """What must be known to place a reading: poses and frames over time, and the sensors."""
+
+    track: MotionTrack
+    frames: Frames
+    sensors: tuple[Sensor, ...]
+
+
+class Placer:
+    """Takes blocks of messages in order, gives the readings that are decided, in theirs."""
+
+    def __init__(self, config: MappingConfig, known: Placement | None = None) -> None:
+        """``known``: of a finished session, whose poses need not come again."""
+        self.readings = 0
+        self.used: Counter[str] = Counter()
+        self._config = config
+        self._known = known
+        self._live = None if known is not None else LiveMotion(config)
+        self._table = SensorTable(() if known is None else known.sensors)
+        self._waiting = Pending.none()
+        self._first: dict[str, Range | Scan] = {}  # of each sensor that is not settled yet
+        self._dropped: Counter[str] = Counter()
+        self._placed = 0
+        self._last_ns: int | None = None
+        self._clock_steps = 0
+
+    @property
+    def sensors(self) -> dict[str, Sensor]:
+        """What is held of each sensor, by its name."""
+        return {sensor.name: sensor for sensor in self._table.sensors}
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """How many readings were dropped, by reason."""
+        bad_poses = 0 if self._live is None else self._live.bad_poses
+        first = {_TOO_FAR: bad_poses} if bad_poses else {}
+        last = {_STEPPED_BACK: self._clock_steps} if self._clock_steps else {}
+        return {**first, **self._dropped, **last}
+
+    def take(self, block: Block) -> Readings:
+        """The readings that can be placed now that these messages are known."""
+        pending = Pending.of(block, self._table)
+        self.readings += len(pending)
+        if self._known is not None:
+            return self._place(pending, self._known.track, self._known.frames)
+        assert self._live is not None
+        self._live.take(block)
+        for name, reading in first_readings(block).items():
+            if name not in self._table.settled:
+                self._first.setdefault(name, reading)
+        self._waiting = Pending.joined([self._waiting, pending])
+        if not self._live.is_warm:
+            return Readings.none(self._table.sensors, self._placed)
+        return self._release(ended=False)
+
+    def finish(self) -> Readings:
+        """The last readings: nothing more will come."""
+        if self._live is None:
+            return Readings.none(self._table.sensors, self._placed)
+        return self._release(ended=True)
+
+    def _release(self, *, ended: bool) -> Readings:
+        assert self._live is not None
+        frames, track = self._live.frames, self._live.track
+        if self._first:
+            self._table.join(settled_sensors(self._first, frames, self._config))
+            self._first = {}
+        ripe = len(self._waiting) if ended else self._live.ripe(self._waiting.t_ns, track)
+        released, self._waiting = self._waiting[:ripe], self._waiting[ripe:]
+        if len(self._waiting):
+            self._live.forget(int(self._waiting.t_ns[0]))
+        else:
+            self._live.forget(self._live.newest_ns)
+        return self._place(released, track, frames)
+
+    def _place(self, pending: Pending, track: MotionTrack, frames: Frames) -> Readings:
+        """Place readings for which all is known that ever will be."""
+        table, count = self._table, len(pending)
+        if count == 0:
+            return Readings.none(table.sensors, self._placed)
+        self._count_clock_steps(pending.t_ns)
+        why, ranges_m, usable = _checked(pending, table)
+        pose, there = track.at(pending.t_ns)
+        why[(why == 0) & ~there] = _NO_POSE
+        base, sensor_pose, there = _world_from_sensor(pending, table, pose, frames, self._config)
+        why[(why == 0) & ~there] = _NO_ANGLE
+        kept = why == 0
+        self._count(why, pending, table)
+        first, self._placed = self._placed, self._placed + int(kept.sum())
+        if not kept.all():
+            base, sensor_pose = base[kept], sensor_pose[kept]
+            usable &= pending.axes_of(kept)
+        begins = pending.begins
+        if not (kept.all() and usable.all()):
+            numbers = np.concatenate([[0], np.cumsum(usable)])
+            counts = (numbers[begins[1:]] - numbers[begins[:-1]])[kept]
+            begins = np.concatenate([[0], np.cumsum(counts)])
+            ranges_m = ranges_m[usable]
+        return Readings(
+            table.sensors, first, pending.t_ns[kept], pending.sensor[kept], base, sensor_pose,
+            begins, pending.bearings_rad()[usable], ranges_m,
+        )  # fmt: skip
+
+    def _count(self, why: NDArray[np.int8], pending: Pending, table: SensorTable) -> None:
+        """Count what is used and what is dropped, in the order in which they come up."""
+        used = pending.sensor[why == 0]
+        for each, count in _in_order(used):
+            self.used[table.names[each]] += count
+        for each, count in _in_order(why[why != 0]):
+            self._dropped[REASONS[each]] += count
+
+    def _count_clock_steps(self, t_ns: Ints) -> None:
+        last_ns = int(t_ns[0]) if self._last_ns is None else self._last_ns
+        self._clock_steps += int((t_ns[1:] < t_ns[:-1]).sum()) + (int(t_ns[0]) < last_ns)
+        self._last_ns = int(t_ns[-1])
+
+
+def _in_order(values: NDArray[np.integer]) -> list[tuple[int, int]]:
+    """Each value and how often it comes, in the order of their first places."""
+    if len(values) == 0:
+        return []
+    counts = np.bincount(values)
+    present = np.flatnonzero(counts)
+    first = [int(np.argmax(values == each)) for each in present]
+    return [(int(present[i]), int(counts[present[i]])) for i in np.argsort(first)]
+
+
+def _checked(
+    pending: Pending, table: SensorTable
+) -> tuple[NDArray[np.int8], Floats, NDArray[np.bool_]]:
+    """Why a reading is dropped (N,), its ranges (K,), and which of these are usable (K,)."""
+    if not pending.is_scan.any():
+        why, ranges_m = _checked_ranges(pending.ranges_m, pending.sensor, table)
+        return why, ranges_m, np.ones(len(ranges_m), np.bool_)
+    why = np.zeros(len(pending), np.int8)
+    ranges_m, usable = _checked_scans(pending, table)
+    if len(pending.ranges_m):
+        usable_beams = np.add.reduceat(
+            np.append(usable, False).astype(np.int64), pending.begins[:-1]
+        )
+    else:
+        usable_beams = np.zeros(len(pending), np.int64)
+    usable_beams[np.diff(pending.begins) == 0] = 0
+    why[pending.is_scan & (usable_beams == 0)] = _NO_BEAM
+    single = np.flatnonzero(~pending.is_scan)
+    at = pending.begins[single]
+    why[single], ranges_m[at] = _checked_ranges(pending.ranges_m[at], pending.sensor[single], table)
+    usable[at] = True
+    return why, ranges_m, usable
+
+
+def _checked_ranges(d: Floats, sensor: Ints, table: SensorTable) -> tuple[NDArray[np.int8], Floats]:
+    """Of rangers (M,): why each is dropped, and the ranges, +Inf: nothing seen."""
+    why = np.zeros(len(d), np.int8)
+    ranges_m: Floats = np.where(d >= table.max_m[sensor], np.inf, d)
+    with np.errstate(invalid="ignore"):
+        why[np.isinf(ranges_m) & table.skips[sensor]] = _SKIPPED
+        why[ranges_m < table.min_m[sensor]] = _BELOW
+        why[d <= 0] = _NEGATIVE
+    why[d == -np.inf] = _TOO_CLOSE
+    why[np.isnan(d)] = _NOT_A_NUMBER
+    return why, ranges_m
+
+
+def _checked_scans(pending: Pending, table: SensorTable) -> tuple[Floats, NDArray[np.bool_]]:
+    """Ranges of the beams (K,), and which are usable: one past the limit saw nothing."""
+    sensor = np.repeat(pending.sensor, np.diff(pending.begins))
+    ranges_m = pending.ranges_m.copy()
+    with np.errstate(invalid="ignore"):
+        usable = ranges_m >= np.maximum(table.min_m, _LEAST_M)[sensor]
+        ranges_m[usable & (ranges_m >= table.max_m[sensor])] = np.inf
+    return ranges_m, usable
+
+
+def _world_from_sensor(
+    pending: Pending, table: SensorTable, pose: Motions, frames: Frames, config: MappingConfig
+) -> tuple[Motions, Motions, NDArray[np.bool_]]:
+    """(world_from_base, world_from_sensor) and where both are known, (N,) each."""
+    base, known = pose, np.ones(len(pending), np.bool_)
+    if config.pose.rides_on == "head" and HEAD_FRAME in frames.moving:
+        head, known = frames.base_from(HEAD_FRAME, pending.t_ns)
+        # The tag turns with the head about the robot's centre: take the head's angle out again.
+        zeros = np.zeros(len(pending))
+        base = pose @ Motions(zeros, zeros, head.heading_rad).inverse()
+    mounted = _all_mounted(pending, table, frames, known)
+    return base, base @ mounted, known
+
+
+def _all_mounted(
+    pending: Pending, table: SensorTable, frames: Frames, known: NDArray[np.bool_]
+) -> Motions:
+    """``base_from_sensor`` of each reading, (N,); what is not known is taken out of ``known``."""
+    fixed = [frames.mount_of(sensor.name, sensor.mount) for sensor in table.sensors]
+    places = np.array([(m.x_m, m.y_m, m.heading_rad) for m in (f or IDENTITY for f in fixed)])
+    mounted = Motions(*places.T.copy()[:, pending.sensor])
+    for number, sensor in enumerate(table.sensors):
+        if fixed[number] is None:
+            rows = np.flatnonzero(pending.sensor == number)
+            found, there = _mounted(sensor, frames, pending.t_ns[rows])
+            known[rows] &= there
+            mounted.x_m[rows] = found.x_m
+            mounted.y_m[rows] = found.y_m
+            mounted.heading_rad[rows] = found.heading_rad
+    return mounted
+
+
+def _mounted(sensor: Sensor, frames: Frames, t_ns: Ints) -> tuple[Motions, NDArray[np.bool_]]:
+    """Where a sensor that moves stands on the robot at times (N,), and where that is known."""
+    if sensor.mount is None:
+        return frames.base_from(sensor.name, t_ns)
+    parent = frames.parent_of(sensor.name)
+    assert parent is not None
+    head, known = frames.base_from(parent, t_ns)
+    return head @ sensor.mount, known
+
+
+def settled_sensors(
+    first: dict[str, Range | Scan], frames: Frames, config: MappingConfig
+) -> dict[str, Sensor]:
+    nothing = Track([], [], 0)
+    moving = {child: (parent, nothing) for child, (parent, _) in frames.moving.items()}
+    return resolve_sensors(first.values(), FrameTree(dict(frames.static), moving), config)

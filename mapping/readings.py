@@ -1,0 +1,153 @@
+"""Readings placed in the map frame, as columns; a beam is a view of one row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.beams import Beam
+from mapping.config import Sensor
+from mapping.tracks import Motions
+from recorder.columns import Floats, Ints
+
+_NEAR_M = 1e-6  # far more than rounding can move the corner of a box, far less than a cell
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """N readings in the order in which they are mapped, with K axes in all.
+
+    ``first_number`` is that of row 0. ``sensor`` (N,) counts in ``sensors``. ``t_ns``,
+    ``world_from_base`` and ``world_from_sensor`` (the beam's origin and heading) are (N,).
+    ``bearings_rad`` and ``ranges_m`` are (K,), a range of +Inf saw nothing; those of row i lie
+    from ``begins[i]`` to ``begins[i + 1]``: one of a ranger, as many as are usable of a scan.
+    """
+
+    sensors: tuple[Sensor, ...]
+    first_number: int
+    t_ns: Ints
+    sensor: Ints
+    world_from_base: Motions
+    world_from_sensor: Motions
+    begins: Ints
+    bearings_rad: Floats
+    ranges_m: Floats
+
+    @classmethod
+    def none(cls, sensors: tuple[Sensor, ...] = (), first_number: int = 0) -> Readings:
+        """No reading at all."""
+        nothing, zero = np.zeros(0, np.int64), np.zeros(1, np.int64)
+        motions, floats = Motions.none(), np.zeros(0)
+        return cls(sensors, first_number, nothing, nothing, motions, motions, zero, floats, floats)
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def __getitem__(self, rows: slice) -> Readings:
+        """A stretch of them, which shares the memory."""
+        first, end, step = rows.indices(len(self))
+        if step != 1:
+            raise ValueError("readings are taken in their order")
+        end = max(end, first)
+        axes = slice(int(self.begins[first]), int(self.begins[end]))
+        return Readings(
+            self.sensors, self.first_number + first, self.t_ns[first:end], self.sensor[first:end],
+            self.world_from_base[first:end], self.world_from_sensor[first:end],
+            self.begins[first : end + 1] - self.begins[first], self.bearings_rad[axes],
+            self.ranges_m[axes],
+        )  # fmt: skip
+
+    def beam(self, row: int) -> Beam:
+        """The beam of one row; its arrays are views."""
+        sensor = self.sensors[self.sensor[row]]
+        axes = slice(int(self.begins[row]), int(self.begins[row + 1]))
+        bearings_rad, ranges_m = self.bearings_rad[axes], self.ranges_m[axes]
+        bearings_rad.flags.writeable = ranges_m.flags.writeable = False
+        return Beam(
+            number=self.first_number + row, t_ns=int(self.t_ns[row]), sensor=sensor.name,
+            layer=sensor.layer, world_from_base=self.world_from_base.one(row),
+            world_from_sensor=self.world_from_sensor.one(row), bearings_rad=bearings_rad,
+            ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad, reach_m=sensor.max_range_m,
+        )  # fmt: skip
+
+    def beams(self) -> Iterator[Beam]:
+        """All beams in their order."""
+        return (self.beam(row) for row in range(len(self)))
+
+    @property
+    def nbytes(self) -> int:
+        """The memory that they take, at most."""
+        own = (self.t_ns, self.sensor, self.begins, self.bearings_rad, self.ranges_m)
+        return sum(each.nbytes for each in own) + 6 * 8 * len(self)
+
+    def axes_of(self, values: NDArray[np.generic]) -> NDArray[np.generic]:
+        """What holds for each reading (N,), for each of its axes (K,)."""
+        return np.repeat(values, np.diff(self.begins))
+
+    def points_m(self) -> tuple[Floats, Ints]:
+        """The obstacle points (M, 2), metres, map frame, and the row of each, (M,).
+
+        Cosines are NumPy's, as those of :attr:`~mapping.beams.Beam.points_m`.
+        """
+        seen = np.isfinite(self.ranges_m)
+        row = np.repeat(np.arange(len(self)), np.diff(self.begins))[seen]
+        start, d = self.world_from_sensor, self.ranges_m[seen]
+        heading = self.bearings_rad[seen] + start.heading_rad[row]
+        points = np.column_stack(
+            [start.x_m[row] + d * np.cos(heading), start.y_m[row] + d * np.sin(heading)]
+        )
+        return points, row
+
+    def bounds_m(self, stretch: Sequence[float]) -> tuple[Floats, Floats]:
+        """A box (low, high) that holds all beams; ``stretch``: of each sensor's ranges, a factor.
+
+        It is the box of their :meth:`~mapping.beams.Beam.bounds_m`, to the bit: these are asked of
+        the readings that come near to an edge of it.
+        """
+        corners = self._corners_m(np.array(stretch))
+        low, high = corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)
+        outermost = (corners[:, :2] <= low + _NEAR_M) | (corners[:, 2:] >= high - _NEAR_M)
+        rows = np.flatnonzero(outermost.any(axis=1))
+        rows = rows[np.unique(corners[rows], axis=0, return_index=True)[1]]
+        boxes = [self.beam(row).bounds_m(stretch[self.sensor[row]]) for row in rows.tolist()]
+        return np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
+
+    def _corners_m(self, stretch: Floats) -> Floats:
+        """The box of each reading (N, 4): low x and y, high x and y, but for rounding."""
+        half_rad = np.array([sensor.beam_width_rad for sensor in self.sensors])[self.sensor] / 2.0
+        limit_m = np.array([sensor.max_range_m for sensor in self.sensors])[self.sensor]
+        single = len(self.ranges_m) == len(self)  # no scan among them
+        far_m = np.where(
+            np.isfinite(self.ranges_m), self.ranges_m, limit_m if single else self.axes_of(limit_m)
+        )
+        lowest_rad = highest_rad = self.bearings_rad
+        if not single:
+            begins = self.begins[:-1]
+            far_m = np.maximum.reduceat(far_m, begins)
+            lowest_rad = np.minimum.reduceat(self.bearings_rad, begins)
+            highest_rad = np.maximum.reduceat(self.bearings_rad, begins)
+        reach_m, start = far_m * stretch[self.sensor], self.world_from_sensor
+        low_rad = start.heading_rad + (lowest_rad - half_rad)
+        high_rad = start.heading_rad + (highest_rad + half_rad)
+        columns = []
+        for sign, function, turn in (
+            (np.minimum, np.cos, 0.5), (np.minimum, np.sin, 0.75),
+            (np.maximum, np.cos, 0.0), (np.maximum, np.sin, 0.25),
+        ):  # fmt: skip
+            edge = sign(sign(function(low_rad), function(high_rad)), 0.0)
+            crossed = _crosses(low_rad, high_rad, turn * 2.0 * math.pi)
+            edge[crossed] = -1.0 if sign is np.minimum else 1.0
+            columns.append(reach_m * edge + (start.x_m if function is np.cos else start.y_m))
+        return np.column_stack(columns)
+
+
+def _crosses(low_rad: Floats, high_rad: Floats, direction_rad: float) -> NDArray[np.bool_]:
+    """Between which angles (N,) a direction lies, any number of turns on."""
+    turns = 1.0 / (2.0 * math.pi)
+    first = np.ceil((low_rad - direction_rad) * turns - _NEAR_M)
+    crosses: NDArray[np.bool_] = first <= (high_rad - direction_rad) * turns + _NEAR_M
+    return crosses
