@@ -13,24 +13,26 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.lanes import free_loop, inlined_loop, loop
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.region_tables import EMPTY_0, EMPTY_T, HALF_WIDTH, LARGEST
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_seen
 from mapping.kernels.batch.spans import (
     BAND,
     OUTSIDE,
     WIDEST_RAD,
     Beam,
-    beam_of,
+    beam_between,
     box_of,
-    mark,
     part_of_beam,
     point_cell,
+    span_scratch,
     spans_of_rows,
+    widths_of,
 )  # fmt: skip
-from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE, mark_seen
+from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -46,7 +48,7 @@ _SCALE, _UNIT, _ZERO = np.float32(-ONE), np.float32(1.0), np.float32(0.0)
 _NOTHING = np.int32(0)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def region_borders(
     beam: Beam, place: Place, row0: int, step: int, rows: int, regions: int, borders: Steps
 ) -> None:
@@ -75,7 +77,7 @@ def region_borders(
             borders[k, r] = np.int32(above if dy > 0.0 else below)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def _write_runs(
     borders: Steps, r: int, is_above: bool, regions: int, bands: int, a: int, b: int, shift: int,
     factors: Singles, factor: Singles, base: Steps,
@@ -95,7 +97,7 @@ def _write_runs(
         start = end
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def _add_front(
     cells: Steps, row: int, columns: Steps, square: Singles, dy_squared: float, factor: Singles,
     f: int, g: int, e0: float, e1: float,
@@ -118,7 +120,7 @@ def _add_front(
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def _add_band(
     cells: Steps, row: int, place: Place, beam: Beam, columns: Steps, square: Singles,
     dy_squared: float, base: Steps, a: int, b: int, bands: int, table: Steps, index: Steps,
@@ -155,7 +157,7 @@ def _add_band(
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _squares(first: int, count: int, step: int, size: float, to: float, square: Singles) -> None:
     """((index + 0.5) size + to)^2 of the rows or columns first, first + step, ..."""
     for k in range(count):
@@ -163,7 +165,7 @@ def _squares(first: int, count: int, step: int, size: float, to: float, square: 
         square[k] = d * d
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _cell_step(
     beam: Beam, dx: float, dy: float, part: int, e0: float, e1: float, regions: int, bands: int,
     factors: Singles, table: Steps,
@@ -182,9 +184,9 @@ def _cell_step(
     return np.int32(np.rint(min(max(math.log((1.0 - z) / (1.0 + z)) * ONE, -CLAMP), CLAMP)))
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_slowly(
-    cells: Steps, seen: Steps, place: Place, beam: Beam, e0: float, e1: float, regions: int,
+    cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
     bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, says_front: bool,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part, each cell on its own."""
@@ -203,9 +205,9 @@ def _add_slowly(
             cells[own, c] = min(max(np.int32(cells[own, c] + step), LOWEST), HIGHEST)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_rows(
-    cells: Steps, seen: Steps, place: Place, beam: Beam, e0: float, e1: float, regions: int,
+    cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
     bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, says_front: bool,
     columns: Steps, square: Singles, row_square: Singles, factor: Singles, base: Steps,
     index: Steps, borders: Steps, spans: Steps, doubt: Steps,
@@ -244,7 +246,7 @@ def _add_rows(
                           bands, table, index)  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_regions(
     cells: Steps, observed: Flags, place: Place, readings: Readings, sensors: Floats,
     factors: Singles, tables: Steps, part: int, parts: int,
@@ -261,14 +263,14 @@ def add_regions(
     columns, index = np.arange(stride).astype(np.int32), np.empty(stride + LANES, np.int32)
     square, row_square = np.zeros(stride + LANES, np.float32), np.empty(rows, np.float32)
     factor, base = np.empty(stride + LANES, np.float32), np.zeros(stride + LANES, np.int32)
-    spans, doubt = np.empty((4, rows), np.int32), np.empty(rows, np.int32)
+    (spans, doubt), widths = span_scratch(rows), widths_of(sensors[:, HALF_WIDTH])
     borders = np.empty((regions, rows), np.int32)
-    seen = np.zeros(((rows - part + parts - 1) // parts, stride + 1), np.int32)
+    seen = blank_seen(rows, cols, part, parts)
     xs, ys, headings, ranges, fronts, bands_m, names = readings
     flat = tables.reshape(tables.shape[0], regions * bands)
     for i in range(xs.size):
         name = names[i]
-        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands_m[i], sensors[name, HALF_WIDTH])
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands_m[i], widths, name)
         own, table = factors[name], flat[name]
         e0 = sensors[name, EMPTY_0]
         e1 = sensors[name, EMPTY_T] / fronts[i] if fronts[i] > 0.0 else 0.0
