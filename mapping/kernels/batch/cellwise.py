@@ -30,12 +30,15 @@ from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.spans import (
     BAND,
     OUTSIDE,
+    WIDEST_RAD,
     Beam,
     beam_between,
     box_of,
     part_of_beam,
     point_cell,
+    rows_of_part,
     span_scratch,
+    spans_of_rows,
     widths_of,
 )
 
@@ -162,15 +165,18 @@ def add_cellwise(
     was said. The tables of S sensors are those of ``cell_tables``.
     """
     rows, cols = observed.shape
-    (spans, doubt), widths = span_scratch(rows), widths_of(sensors[:, HALF_WIDTH])
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    widths = widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
         name = names[i]
         sensor, angle, distance = sensors[name], angles[name], distances[name]
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, name)
-        row, col = point_cell(
-            beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt
-        )
+        box, _, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if beam.half <= WIDEST_RAD and count > 0:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
+        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
+                              count, spare)  # fmt: skip
         _add_reading(cells, observed, place, beam, sensor, angle, distance, ranges[i], fronts[i],
                      bands[i], rule, part, parts, row, col)  # fmt: skip
         if row >= 0:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mapping.kernels.batch.lanes import free_loop, inlined_loop, loop
 from mapping.kernels.batch.readings import Place, Readings
-from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_seen
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
 from mapping.kernels.batch.spans import (
     BAND,
     OUTSIDE,
@@ -20,6 +20,7 @@ from mapping.kernels.batch.spans import (
     box_of,
     part_of_beam,
     point_cell,
+    rows_of_part,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -73,32 +74,27 @@ def add_bands(
     something of the cells in front. ``what``: COUNT, BINARY, or NOTHING (only ``observed``).
     """
     rows, cols = values.shape
-    spans, doubt = span_scratch(rows)
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     seen, widths = blank_seen(rows, cols, part, parts), widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
         half, says_front = sensors[names[i], HALF_WIDTH], sensors[names[i], SAYS_FRONT] != 0.0
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
-        row, col = point_cell(
-            beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt
-        )
+        box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if half <= WIDEST_RAD and count > 0:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
+        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
+                              count, spare)  # fmt: skip
         if row >= 0:
             mark(seen, row // parts, col, col, col, col + 1, True)
             _gain(values, row, col, col + 1, what)
         if half > WIDEST_RAD:
             _add_wide(values, seen, place, beam, what, says_front, part, parts)
             continue
-        row0, row1, col0, col1 = box_of(beam, place, rows, cols)
-        row0 += (part - (row0 - place.row0)) % parts
-        if row0 >= row1 or col0 >= col1:
-            continue
-        shift, row = place.col0, row0 - place.row0
-        for k in range(spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)):
-            a, f = spans[0, k] - shift, spans[1, k] - shift
-            g, b = spans[2, k] - shift, spans[3, k] - shift
-            if b > a:
-                mark(seen, row // parts, a, f, g, b, says_front)
-                _gain(values, row, a, f, what)
-                _gain(values, row, g, b, what)
-            row += parts
+        shift = place.col0
+        mark_rows(seen, first // parts, count, shift, spans, says_front)
+        for k in range(count):
+            row = first + k * parts
+            _gain(values, row, spans[0, k] - shift, spans[1, k] - shift, what)
+            _gain(values, row, spans[2, k] - shift, spans[3, k] - shift, what)
     mark_seen(seen, observed, part, parts)

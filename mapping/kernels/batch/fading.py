@@ -21,20 +21,22 @@ from mapping.kernels.batch.lanes import (
     inlined_loop,
     lanes_of_gaussians,
     lanes_of_plain_row,
+    lanes_of_plain_rows,
     lanes_of_row,
+    lanes_of_rows,
     loop,
 )
 from mapping.kernels.batch.readings import Place, Readings
-from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_seen
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
 from mapping.kernels.batch.spans import (
     FRONT,
     OUTSIDE,
     WIDEST_RAD,
     Beam,
     beam_between,
-    box_of,
     part_of_beam,
     point_cell,
+    rows_of_part,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -156,61 +158,79 @@ add_plain_row = add_plain_row_in_lanes if WITH_LANES else add_plain_row_plainly
 
 
 @loop
-def _add_rows(
-    cells: Steps, seen: Bits, first: int, first_seen: int, step: int, shift: int, rows: int,
-    spans: Steps, bell: Singles, square: Singles, row_bell: Singles, row_square: Singles,
-    miss: Any, near: Any, hit: Any, is_plain: bool,
+def add_rows_plainly(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, bell: Singles,
+    square: Singles, row_bell: Singles, row_square: Singles, miss: Any, near: Any, hit: Any,
 ) -> None:  # fmt: skip
-    """The spans of some rows of one reading."""
-    says_front = miss != 0.0
-    plain = np.int32(np.rint(max(miss, _LEAST)))
+    """The rows first, first + step, ... of one reading, their spans from column ``shift`` on."""
     for k in range(rows):
-        a, f = spans[0, k] - shift, spans[1, k] - shift
-        g, b = spans[2, k] - shift, spans[3, k] - shift
-        if b <= a:
-            continue
-        mark(seen, first_seen + k, a, f, g, b, says_front)
-        if is_plain:
-            add_plain_row(cells, first + k * step, a, f, g, b, plain, hit)
-        else:
-            add_row(cells, first + k * step, bell, square, a, f, g, b, miss, near * row_bell[k],
-                    _UNIT + row_square[k], hit)  # fmt: skip
+        add_row_plainly(cells, first + k * step, bell, square, spans[0, k] - shift,
+                        spans[1, k] - shift, spans[2, k] - shift, spans[3, k] - shift, miss,
+                        near * row_bell[k], _UNIT + row_square[k], hit)  # fmt: skip
+
+
+@loop
+def add_rows_in_lanes(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, bell: Singles,
+    square: Singles, row_bell: Singles, row_square: Singles, miss: Any, near: Any, hit: Any,
+) -> None:  # fmt: skip
+    """The same, eight cells of two rows at a time."""
+    lanes_of_rows(cells, first, step, rows, np.int32(shift), spans, bell, square, row_bell,
+                  row_square, miss, near, hit, LOWEST)  # fmt: skip
+
+
+@loop
+def add_plain_rows_plainly(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, miss: Any, hit: Any
+) -> None:
+    """The same where all cells in front lose as much."""
+    for k in range(rows):
+        add_plain_row_plainly(cells, first + k * step, spans[0, k] - shift, spans[1, k] - shift,
+                              spans[2, k] - shift, spans[3, k] - shift, miss, hit)  # fmt: skip
+
+
+@loop
+def add_plain_rows_in_lanes(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, miss: Any, hit: Any
+) -> None:
+    """The same, eight cells of two rows at a time."""
+    lanes_of_plain_rows(cells, first, step, rows, np.int32(shift), spans, miss, hit, LOWEST)
+
+
+_add_rows = add_rows_in_lanes if WITH_LANES else add_rows_plainly
+_add_plain_rows = add_plain_rows_in_lanes if WITH_LANES else add_plain_rows_plainly
 
 
 @loop
 def _add_wedge(
     cells: Steps, seen: Bits, place: Place, beam: Beam, miss: float, near: float, fade: float,
-    hit: int, part: int, parts: int, cols: int, bell: Singles, square: Singles,
-    row_bell: Singles, row_square: Singles, spans: Steps, doubt: Steps,
+    hit: int, rows: tuple[int, int, int], box: tuple[int, int, int, int], spans: Steps,
+    bell: Singles, square: Singles, row_bell: Singles, row_square: Singles,
 ) -> None:  # fmt: skip
-    """The rows of one beam that belong to a part."""
-    row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
-    row0 += (part - (row0 - place.row0)) % parts
-    if row0 >= row1 or col0 >= col1:
+    """Some rows of one beam: first and step in the map and how many, ``spans`` being theirs."""
+    first, step, count = rows
+    mark_rows(seen, first // step, count, place.col0, spans, miss != 0.0)
+    if near == 0.0 and beam.limit < fade * FLAT:
+        plain = np.int32(np.rint(max(miss, _LEAST)))
+        _add_plain_rows(cells, first, step, count, place.col0, spans, plain, hit)
         return
-    rows = spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)
-    is_plain = near == 0.0 and beam.limit < fade * FLAT
-    if not is_plain:
-        start, end = (col0 - place.col0) // LANES * LANES, -((place.col0 - col1) // LANES) * LANES
-        gaussians(start + place.col0, end - start, 1, place.size_m, place.origin_x_m - beam.x,
-                  fade, bell[start:end], square[start:end])  # fmt: skip
-        gaussians(row0, rows, parts, place.size_m, place.origin_y_m - beam.y, fade, row_bell,
-                  row_square)  # fmt: skip
-    first = row0 - place.row0
-    _add_rows(cells, seen, first, first // parts, parts, place.col0, rows, spans, bell, square,
-              row_bell, row_square, miss, near, hit, is_plain)  # fmt: skip
+    start, end = (box[2] - place.col0) // LANES * LANES, -((place.col0 - box[3]) // LANES) * LANES
+    gaussians(start + place.col0, end - start, 1, place.size_m, place.origin_x_m - beam.x,
+              fade, bell[start:end], square[start:end])  # fmt: skip
+    gaussians(first + place.row0, count, step, place.size_m, place.origin_y_m - beam.y, fade,
+              row_bell, row_square)  # fmt: skip
+    _add_rows(cells, first, step, count, place.col0, spans, bell, square, row_bell, row_square,
+              miss, near, hit)  # fmt: skip
 
 
 @loop
 def _add_wide(
     cells: Steps, seen: Bits, place: Place, beam: Beam, miss: float, near: float, fade: float,
-    hit: int, part: int, parts: int, cols: int, bell: Singles, square: Singles,
+    hit: int, box: tuple[int, int, int, int], parts: int, bell: Singles, square: Singles,
     row_bell: Singles, row_square: Singles,
 ) -> None:  # fmt: skip
     """The same for a beam of 180 degrees and more, each cell looked at on its own."""
-    row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
-    row0 += (part - (row0 - place.row0)) % parts
-    size = place.size_m
+    (row0, row1, col0, col1), size = box, place.size_m
     gaussians(place.col0, bell.size, 1, size, place.origin_x_m - beam.x, fade, bell, square)
     for row in range(row0, row1, parts):
         gaussians(row, 1, 1, size, place.origin_y_m - beam.y, fade, row_bell, row_square)
@@ -239,7 +259,7 @@ def add_fading(
     """
     (rows, cols), stride = observed.shape, cells.shape[1]
     bell, square = np.empty(stride, np.float32), np.empty(stride, np.float32)
-    spans, doubt = span_scratch(rows)
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     row_bell, row_square = np.empty(doubt.size, np.float32), np.empty(doubt.size, np.float32)
     seen = blank_seen(rows, cols, part, parts)
     widths = widths_of(sensors[:, HALF_WIDTH])
@@ -251,15 +271,18 @@ def add_fading(
         miss = np.float32(-sensors[name, MISS] * ONE)
         near = np.float32(-sensors[name, MISS] * sensors[name, NEAR] * ONE)
         hit = np.int32(np.rint(min(sensors[name, HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
+        box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if count > 0 and beam.half <= WIDEST_RAD:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
         point_row, point_col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part,
-                                          parts, spans, doubt)  # fmt: skip
+                                          parts, spans, count, spare)  # fmt: skip
         before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
-        if beam.half > WIDEST_RAD:
-            _add_wide(cells, seen, place, beam, miss, near, fade, hit, part, parts, cols, bell,
-                      square, row_bell, row_square)  # fmt: skip
-        else:
-            _add_wedge(cells, seen, place, beam, miss, near, fade, hit, part, parts, cols, bell,
-                       square, row_bell, row_square, spans, doubt)  # fmt: skip
+        if count > 0 and beam.half <= WIDEST_RAD:
+            _add_wedge(cells, seen, place, beam, miss, near, fade, hit, (first, parts, count), box,
+                       spans, bell, square, row_bell, row_square)  # fmt: skip
+        elif count > 0:
+            _add_wide(cells, seen, place, beam, miss, near, fade, hit, box, parts, bell, square,
+                      row_bell, row_square)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             cells[point_row, point_col] = min(np.int32(before + hit), HIGHEST)
             mark(seen, point_row // parts, point_col, point_col, point_col, point_col + 1, True)

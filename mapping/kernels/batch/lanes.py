@@ -10,6 +10,9 @@ to the twins (compiled at each start then: numba's cache does not know which it 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -147,6 +150,16 @@ class Cells:
         pointer = self.builder.gep(self.data, [index], source_etype=self.element)
         return self.builder.bitcast(pointer, ir.VectorType(self.element, EIGHT).as_pointer())
 
+    def at(self, row: int, column: Any) -> Any:
+        """The index of a cell of a table."""
+        begin = self.builder.mul(self.shape[1], ir.Constant(_I64, row))
+        return self.builder.add(begin, column)
+
+    def one(self, index: Any) -> Any:
+        """One number."""
+        pointer = self.builder.gep(self.data, [index], source_etype=self.element)
+        return self.builder.load(pointer, typ=self.element)
+
     def load(self, index: Any) -> Lanes:
         kind = ir.VectorType(self.element, EIGHT)
         return Lanes(self.builder, self.builder.load(self._at(index), align=4, typ=kind))
@@ -201,8 +214,7 @@ def lanes_of_spans(typing: Any, spans: Any, doubt: Any, rows: Any, limits: Any) 
             g = (g.of("floor") + 1.0).at_least(f).at_most(b)
             has_front = f.below(g)
             for n, column in enumerate((a, f.where(has_front, b), g.where(has_front, b), b)):
-                at = builder.add(builder.mul(table.shape[1], ir.Constant(_I64, n)), k)
-                table.store(at, column.to(_I32))
+                table.store(table.at(n, k), column.to(_I32))
         return builder.load(unclear)
 
     return types.int32(spans, doubt, types.int64, limits), make
@@ -238,32 +250,136 @@ def lanes_of_gaussians(
     return types.void(*ints, *floats, bell, square), make
 
 
+@dataclass(frozen=True, slots=True)
+class _Row:
+    """A row of cells: where it begins in the map, its span (a, f, g, b), and what it loses."""
+
+    begin: Any
+    span: tuple[Any, Any, Any, Any]
+    near: Any = None
+    depth: Any = None
+
+
+def _add_side_by_side(
+    builder: Any, grid: Cells, rows: list[_Row], loss_of: Any, hit: Any, lowest: Any
+) -> None:
+    """Add to the cells of some rows at once, all columns that any of their spans holds.
+
+    ``loss_of(row, column)`` makes what cells in front lose. To cells outside a span 0 is added.
+    """
+    start, end = ir.Constant(_I32, 2**31 - EIGHT), ir.Constant(_I32, 0)
+    for row in rows:
+        a, _f, _g, b = row.span
+        is_empty = builder.icmp_signed(">=", a, b)
+        a = builder.select(is_empty, start, a)
+        start = builder.select(builder.icmp_signed("<", a, start), a, start)
+        b = builder.select(is_empty, end, b)
+        end = builder.select(builder.icmp_signed("<", end, b), b, end)
+    start = builder.and_(builder.sext(start, _I64), ir.Constant(_I64, -EIGHT))
+    top = builder.neg(lowest)
+    with _from(builder, start, builder.sext(end, _I64)) as (c, _):
+        column = counted(builder, builder.trunc(c, _I32))
+        for row in rows:
+            a, f, g, b = row.span
+            step = loss_of(row, c).where(column.within(f, builder.sub(g, f)), hit)
+            step = step.where(column.within(a, builder.sub(b, a)), 0)
+            at = builder.add(row.begin, c)
+            grid.store(at, (grid.load(at) + step).at_most(top).at_least(lowest))
+
+
+def _fading_loss(builder: Any, bells: Cells, squares: Cells, miss: Any, lowest: Any) -> Any:
+    """What `fading` takes from the cells in front."""
+    least = builder.sitofp(lowest, _F32)
+
+    def loss(row: _Row, c: Any) -> Lanes:
+        value = (bells.load(c) * row.near + miss) / (squares.load(c) + row.depth)
+        return value.at_least(least).of("rint").to(_I32)
+
+    return loss
+
+
+@contextmanager
+def _in_pairs(
+    builder: Any, grid: Cells, spans: Cells, first: Any, step: Any, count: Any, shift: Any,
+    many: int = 2,
+) -> Iterator[list[tuple[Any, Any, Any]]]:  # fmt: skip
+    """A loop over the rows of a reading, two at a time: number, begin in the map, and span.
+
+    Where the second is missing it is the first again, with no cells.
+    """
+    by = ir.Constant(_I64, many)
+    with cgutils.for_range_slice(builder, ir.Constant(_I64, 0), count, by) as (k, _):
+        pair = []
+        for n in range(many):
+            own = builder.add(k, ir.Constant(_I64, n))
+            is_there = builder.icmp_signed("<", own, count)
+            own = builder.select(is_there, own, k)
+            at = builder.mul(builder.add(first, builder.mul(own, step)), grid.shape[1])
+            a, f, g, b = (builder.sub(spans.one(spans.at(m, own)), shift) for m in range(4))
+            pair.append((own, at, (a, f, g, builder.select(is_there, b, a))))
+        yield pair
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lanes_of_rows(
+    typing: Any, cells: Any, first: Any, step: Any, rows: Any, shift: Any, spans: Any, bell: Any,
+    square: Any, row_bell: Any, row_square: Any, miss: Any, near: Any, hit: Any, lowest: Any,
+) -> Any:  # fmt: skip
+    """``fading.add_rows_plainly``."""
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        grid, table, bells, squares, row_bells, row_squares = (
+            Cells(context, builder, signature.args[k], args[k]) for k in (0, 5, 6, 7, 8, 9)
+        )
+        _, first, step, count, shift, *_, miss, near, hit, lowest = args
+        loss = _fading_loss(builder, bells, squares, miss, lowest)
+        with _in_pairs(builder, grid, table, first, step, count, shift) as pair:
+            rows = []
+            for k, begin, span in pair:
+                depth = builder.fadd(row_squares.one(k), ir.Constant(_F32, 1.0))
+                rows.append(_Row(begin, span, builder.fmul(near, row_bells.one(k)), depth))
+            _add_side_by_side(builder, grid, rows, loss, hit, lowest)
+        return context.get_dummy_value()
+
+    singles, ints = (row_bell, row_square, types.float32, types.float32), (types.int32,) * 2
+    place = (cells, types.int64, types.int64, types.int64, types.int32, spans)
+    return types.void(*place, bell, square, *singles, *ints), make
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lanes_of_plain_rows(
+    typing: Any, cells: Any, first: Any, step: Any, rows: Any, shift: Any, spans: Any, miss: Any,
+    hit: Any, lowest: Any,
+) -> Any:  # fmt: skip
+    """``fading.add_plain_rows_plainly``."""
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        grid, table = (Cells(context, builder, signature.args[k], args[k]) for k in (0, 5))
+        _, first, step, count, shift, _, miss, hit, lowest = args
+        with _in_pairs(builder, grid, table, first, step, count, shift) as pair:
+            rows = [_Row(begin, span) for _, begin, span in pair]
+            _add_side_by_side(builder, grid, rows, lambda *_: splat(builder, miss), hit, lowest)
+        return context.get_dummy_value()
+
+    place = (cells, types.int64, types.int64, types.int64, types.int32, spans)
+    return types.void(*place, *(types.int32,) * 3), make
+
+
 @intrinsic  # type: ignore[untyped-decorator]
 def lanes_of_row(
     typing: Any, cells: Any, row: Any, bell: Any, square: Any, bounds: Any, miss: Any, near: Any,
     depth: Any, hit: Any, lowest: Any,
 ) -> Any:  # fmt: skip
-    """``fading._add_row``."""
+    """``fading.add_row_plainly``."""
 
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         grid, bells, squares = (
             Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 3)
         )
         _, row, _, _, bounds, miss, near, depth, hit, lowest = args
-        top = builder.neg(lowest)
-        a, f, g, b = _unpacked(builder, bounds)
-        width, front_width = builder.sub(b, a), builder.sub(g, f)
-        begin = builder.mul(row, grid.shape[1])
-        least = builder.sitofp(lowest, _F32)
-        start = builder.and_(builder.sext(a, _I64), ir.Constant(_I64, -EIGHT))
-        with _from(builder, start, builder.sext(b, _I64)) as (c, _):
-            value = (bells.load(c) * near + miss) / (squares.load(c) + depth)
-            step = value.at_least(least).of("rint").to(_I32)
-            column = counted(builder, builder.trunc(c, _I32))
-            step = step.where(column.within(f, front_width), hit)
-            step = step.where(column.within(a, width), 0)
-            at = builder.add(begin, c)
-            grid.store(at, (grid.load(at) + step).at_most(top).at_least(lowest))
+        loss = _fading_loss(builder, bells, squares, miss, lowest)
+        begin, span = builder.mul(row, grid.shape[1]), tuple(_unpacked(builder, bounds))
+        _add_side_by_side(builder, grid, [_Row(begin, span, near, depth)], loss, hit, lowest)
         return context.get_dummy_value()
 
     singles = [types.float32] * 3
@@ -275,22 +391,14 @@ def lanes_of_row(
 def lanes_of_plain_row(
     typing: Any, cells: Any, row: Any, bounds: Any, miss: Any, hit: Any, lowest: Any
 ) -> Any:
-    """``fading._add_plain_row``."""
+    """``fading.add_plain_row_plainly``."""
 
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         grid = Cells(context, builder, signature.args[0], args[0])
         _, row, bounds, miss, hit, lowest = args
-        top = builder.neg(lowest)
-        a, f, g, b = _unpacked(builder, bounds)
-        width, front_width = builder.sub(b, a), builder.sub(g, f)
-        begin = builder.mul(row, grid.shape[1])
-        start = builder.and_(builder.sext(a, _I64), ir.Constant(_I64, -EIGHT))
-        with _from(builder, start, builder.sext(b, _I64)) as (c, _):
-            column = counted(builder, builder.trunc(c, _I32))
-            step = splat(builder, miss).where(column.within(f, front_width), hit)
-            step = step.where(column.within(a, width), 0)
-            at = builder.add(begin, c)
-            grid.store(at, (grid.load(at) + step).at_most(top).at_least(lowest))
+        begin, span = builder.mul(row, grid.shape[1]), tuple(_unpacked(builder, bounds))
+        loss = splat(builder, miss)
+        _add_side_by_side(builder, grid, [_Row(begin, span)], lambda *_: loss, hit, lowest)
         return context.get_dummy_value()
 
     steps = [types.int32] * 3

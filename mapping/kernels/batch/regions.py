@@ -28,6 +28,7 @@ from mapping.kernels.batch.spans import (
     box_of,
     part_of_beam,
     point_cell,
+    rows_of_part,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -208,16 +209,12 @@ def _add_slowly(
 @loop
 def _add_rows(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
-    bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, says_front: bool,
-    columns: Steps, square: Singles, row_square: Singles, factor: Singles, base: Steps,
-    index: Steps, borders: Steps, spans: Steps, doubt: Steps,
+    bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], rows: int,
+    parts: int, says_front: bool, columns: Steps, square: Singles, row_square: Singles,
+    factor: Singles, base: Steps, index: Steps, borders: Steps, spans: Steps,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part."""
-    row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
-    row0 += (part - (row0 - place.row0)) % parts
-    if row0 >= row1 or col0 >= col1:
-        return
-    rows = spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)
+    row0, _row1, col0, col1 = box
     shift, size = place.col0, place.size_m
     start, end = (col0 - shift) // LANES * LANES, -((shift - col1) // LANES) * LANES
     _squares(start + shift, end - start, np.int64(1), size, place.origin_x_m - beam.x,
@@ -263,7 +260,8 @@ def add_regions(
     columns, index = np.arange(stride).astype(np.int32), np.empty(stride + LANES, np.int32)
     square, row_square = np.zeros(stride + LANES, np.float32), np.empty(rows, np.float32)
     factor, base = np.empty(stride + LANES, np.float32), np.zeros(stride + LANES, np.int32)
-    (spans, doubt), widths = span_scratch(rows), widths_of(sensors[:, HALF_WIDTH])
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    widths = widths_of(sensors[:, HALF_WIDTH])
     borders = np.empty((regions, rows), np.int32)
     seen = blank_seen(rows, cols, part, parts)
     xs, ys, headings, ranges, fronts, bands_m, names = readings
@@ -275,16 +273,20 @@ def add_regions(
         e0 = sensors[name, EMPTY_0]
         e1 = sensors[name, EMPTY_T] / fronts[i] if fronts[i] > 0.0 else 0.0
         says_front = sensors[name, LARGEST] > 0.0 and e0 > 0.0
+        is_fast = beam.half <= WIDEST_RAD and sensors[name, LARGEST] <= SMALL_Z
+        box, _, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if beam.half <= WIDEST_RAD and count > 0:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
         point_row, point_col = point_cell(beam, place, rows, cols, ranges[i], bands_m[i], part,
-                                          parts, spans, doubt)  # fmt: skip
+                                          parts, spans, count, spare)  # fmt: skip
         before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
-        if beam.half > WIDEST_RAD or sensors[name, LARGEST] > SMALL_Z:
+        if not is_fast:
             _add_slowly(cells, seen, place, beam, e0, e1, regions, bands, own, table, part, parts,
                         cols, says_front)  # fmt: skip
-        else:
-            _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, part, parts,
-                      cols, says_front, columns, square, row_square, factor, base, index, borders,
-                      spans, doubt)  # fmt: skip
+        elif count > 0:
+            _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, box, count,
+                      parts, says_front, columns, square, row_square, factor, base, index, borders,
+                      spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]
             cells[point_row, point_col] = min(max(np.int32(before + hit), LOWEST), HIGHEST)

@@ -10,30 +10,32 @@ from numpy.typing import NDArray
 from mapping.kernels.batch.lanes import inlined_loop, loop
 
 Bits = NDArray[np.uint64]
+Columns = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
 _ALL: Any = np.uint64(0xFFFFFFFFFFFFFFFF)
-_LAST, _ONE = np.uint64(63), np.uint64(1)
+_LAST, _ONE, _NONE = np.uint64(63), np.uint64(1), np.uint64(0)
 
 
 @loop
 def blank_seen(rows: int, cols: int, part: int, parts: int) -> Bits:
     """No cell yet of the rows part, part + parts, ...: row k is row part + k parts."""
-    return np.zeros(((rows - part + parts - 1) // parts, (cols + 63) // 64), np.uint64)
+    return np.zeros(((rows - part + parts - 1) // parts, cols // 64 + 1), np.uint64)
 
 
 @inlined_loop
 def _mark_run(seen: Bits, row: int, first: int, after: int) -> None:
-    """The cells first to after - 1; there is at least one."""
-    last = after - 1
+    """The cells first to after - 1, if any. Rows are short, so without branches: both ends are
+    marked, whether or not they lie in the same word."""
+    last = after - 1 if after > first else first
     left, right = _ALL << (np.uint64(first) & _LAST), _ALL >> (_LAST - (np.uint64(last) & _LAST))
-    word, end = np.uint64(first >> 6), np.uint64(last >> 6)
-    # Both ends at once, whether or not they lie in the same word: rows are too short to branch.
+    right = right if after > first else _NONE
+    word, end, line = np.uint64(first >> 6), np.uint64(last >> 6), np.uint64(row)
     is_one = word == end
-    seen[row, word] |= left & (right if is_one else _ALL)
-    seen[row, end] |= right & (left if is_one else _ALL)
+    seen[line, word] |= left & (right if is_one else _ALL)
+    seen[line, end] |= right & (left if is_one else _ALL)
     for between in range(word + _ONE, end):
-        seen[row, between] = _ALL
+        seen[line, between] = _ALL
 
 
 @inlined_loop
@@ -41,11 +43,19 @@ def mark(seen: Bits, row: int, a: int, f: int, g: int, b: int, says_front: bool)
     """Note a row's cells a to b - 1, without its front f to g - 1 where that says nothing."""
     if says_front:
         _mark_run(seen, row, a, b)
-        return
-    if f > a:
+    else:
         _mark_run(seen, row, a, f)
-    if b > g:
         _mark_run(seen, row, g, b)
+
+
+@loop
+def mark_rows(
+    seen: Bits, first: int, rows: int, shift: int, spans: Columns, says_front: bool
+) -> None:
+    """Note the spans (4, rows) of some rows, that begin at row ``first`` and column ``shift``."""
+    for k in range(rows):
+        a, f, g, b = spans[0, k], spans[1, k], spans[2, k], spans[3, k]
+        mark(seen, first + k, a - shift, f - shift, g - shift, b - shift, says_front)
 
 
 @loop

@@ -276,44 +276,65 @@ def fill_spans_in_lanes(spans: Columns, doubt: Columns, rows: int, limits: Any) 
 _fill_spans = fill_spans_in_lanes if WITH_LANES else fill_spans_plainly
 
 
-@loop
-def lacks_band(
-    beam: Beam, place: Place, rows: int, cols: int, spans: Columns, doubt: Columns
-) -> bool:
-    """Is there no cell in the band? ``spans`` and ``doubt`` are scratch."""
-    if surely_has_band(beam, place, rows, cols):
-        return False
-    if beam.limit <= beam.front_limit:
-        return True
+@inlined_loop
+def rows_of_part(
+    beam: Beam, place: Place, rows: int, cols: int, part: int, parts: int
+) -> tuple[tuple[int, int, int, int], int, int]:
+    """The box of a beam from its first row of a part on; that row in the array, and how many."""
     row0, row1, col0, col1 = box_of(beam, place, rows, cols)
-    if beam.half > WIDEST_RAD:
-        for row in range(row0, row1):
-            dy = (row + 0.5) * place.size_m + place.origin_y_m - beam.y
-            for col in range(col0, col1):
-                dx = (col + 0.5) * place.size_m + place.origin_x_m - beam.x
-                if part_of_beam(beam, dx, dy) == BAND:
-                    return False
-        return True
-    if col1 <= col0:
-        return True
-    for k in range(spans_of_rows(beam, place, (row0, row1, col0, col1), np.int64(1), spans, doubt)):
+    row0 += (part - (row0 - place.row0)) % parts if parts > 1 else 0
+    count = (row1 - row0 + parts - 1) // parts if parts > 1 else row1 - row0
+    return (row0, row1, col0, col1), row0 - place.row0, count if col1 > col0 and count > 0 else 0
+
+
+@loop
+def _has_band(spans: Columns, rows: int) -> bool:
+    """Does any of these rows have a cell in the band?"""
+    for k in range(rows):  # noqa: SIM110  (numba knows no generator expressions)
         if spans[3, k] - spans[0, k] > spans[2, k] - spans[1, k]:
-            return False
+            return True
+    return False
+
+
+@loop
+def _lacks_band(
+    beam: Beam, place: Place, rows: int, cols: int, scratch: tuple[Columns, Columns]
+) -> bool:
+    """Is there no cell in the band, all rows looked at?"""
+    box = row0, row1, col0, col1 = box_of(beam, place, rows, cols)
+    if beam.half <= WIDEST_RAD:
+        if col1 <= col0:
+            return True
+        count = spans_of_rows(beam, place, box, np.int64(1), scratch[0], scratch[1])
+        return not _has_band(scratch[0], count)
+    for row in range(row0, row1):
+        dy = (row + 0.5) * place.size_m + place.origin_y_m - beam.y
+        for col in range(col0, col1):
+            dx = (col + 0.5) * place.size_m + place.origin_x_m - beam.x
+            if part_of_beam(beam, dx, dy) == BAND:
+                return False
     return True
 
 
 @loop
 def point_cell(
     beam: Beam, place: Place, rows: int, cols: int, range_m: float, band_end_m: float, part: int,
-    parts: int, spans: Columns, doubt: Columns,
+    parts: int, spans: Columns, count: int, scratch: tuple[Columns, Columns],
 ) -> tuple[int, int]:  # fmt: skip
     """Row and column, in the array of the place, of the obstacle's cell where it is the band.
 
     (-1, -1) where there are cells in the band, where nothing came back, and where the obstacle's
-    cell lies outside or in a row of another part.
+    cell lies outside or in a row of another part. ``spans`` are those of the ``count`` rows of the
+    part, if the beam has spans; ``scratch`` is a ``span_scratch`` of its own.
     """
-    if band_end_m < 0.0 or not lacks_band(beam, place, rows, cols, spans, doubt):
+    if band_end_m < 0.0 or surely_has_band(beam, place, rows, cols):
         return -1, -1
+    if beam.limit > beam.front_limit:
+        has_spans = beam.half <= WIDEST_RAD
+        if has_spans and _has_band(spans, count):
+            return -1, -1
+        if not (has_spans and parts == 1) and not _lacks_band(beam, place, rows, cols, scratch):
+            return -1, -1
     x, y = beam.x + range_m * beam.cos, beam.y + range_m * beam.sin
     col = math.floor((x - place.origin_x_m) / place.size_m) - place.col0
     row = math.floor((y - place.origin_y_m) / place.size_m) - place.row0
