@@ -16,7 +16,7 @@ from benchmarks.peers.sessions import Session
 from mapping.kernels.batch import fading, lidar, regions, steps
 from mapping.kernels.batch.readings import Place, Readings, Scans, ends_of, place_of, scan_axes
 from mapping.kernels.batch.region_tables import regions_sensor, tables_of
-from mapping.kernels.batch.spans import beam_of, box_of, spans_of_rows
+from mapping.kernels.batch.spans import beam_between, box_of, span_scratch, spans_of_rows, widths_of
 from mapping.kernels.batch.threads import in_parts
 from mapping.sensor_model import regions_table
 
@@ -93,11 +93,10 @@ def add_constant(
     cells: NDArray[np.int32], cols: int, place: Place, readings: Readings, half: float
 ) -> None:
     """What bounds a kernel: the same spans, and a constant added."""
-    spans = np.empty((4, cells.shape[0]), np.int32)
-    doubt = np.empty(cells.shape[0], np.int32)
+    (spans, doubt), widths = span_scratch(cells.shape[0]), widths_of(np.array([half]))
     xs, ys, headings, _, fronts, bands, _ = readings
     for i in range(xs.size):
-        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], half)
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, 0)
         box = box_of(beam, place, cells.shape[0], cols)
         for k in range(spans_of_rows(beam, place, box, np.int64(1), spans, doubt)):
             first = np.uint64(spans[0, k])

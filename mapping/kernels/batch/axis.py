@@ -9,18 +9,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.lanes import free_loop, loop
 from mapping.kernels.batch.readings import Place, Readings
-from mapping.kernels.batch.spans import FRONT, beam_of, part_of_beam
+from mapping.kernels.batch.spans import FRONT, beam_between, part_of_beam, widths_of
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _cuts(a: float, b: float, cuts: Floats, found: int) -> int:
     """Append where a line from a to b crosses whole numbers, as shares 0 .. 1 of its length."""
     low, high = min(a, b), max(a, b)
@@ -30,7 +30,7 @@ def _cuts(a: float, b: float, cuts: Floats, found: int) -> int:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def line_cells(
     x: float, y: float, heading: float, length_m: float, place: Place
 ) -> tuple[Integers, Integers]:
@@ -55,7 +55,7 @@ def line_cells(
     return row[: n + 1], col[: n + 1]
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_axes(
     certainty: Floats, observed: Flags, place: Place, readings: Readings, half_widths: Floats,
     hit: float, miss: float, most: float,
@@ -67,6 +67,7 @@ def add_axes(
     """
     rows, cols = certainty.shape
     touched = np.full((rows, cols), -1, np.int64)
+    widths = widths_of(half_widths)
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
         seen = bands[i] >= 0.0
@@ -74,7 +75,7 @@ def add_axes(
             continue
         row, col = line_cells(xs[i], ys[i], headings[i], ranges[i], place)
         row, col = row - place.row0, col - place.col0
-        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], half_widths[names[i]])
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
         if not seen and not _any_in_front(row, col, rows, cols, beam, place):
             continue
         end = row.size - 1
@@ -93,7 +94,7 @@ def add_axes(
                 observed[r, c] |= certainty[r, c] != before
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _any_in_front(row, col, rows, cols, beam, place) -> bool:  # type: ignore[no-untyped-def]
     """Does the model let the beam empty any of these cells?"""
     for k in range(row.size):

@@ -9,7 +9,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mapping.kernels.batch.cell_tables import (
@@ -26,15 +25,21 @@ from mapping.kernels.batch.cell_tables import (
     Q_MAX,
 )  # fmt: skip
 from mapping.kernels.batch.fading import NEAR_M
+from mapping.kernels.batch.lanes import free_loop, loop
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.spans import (
     BAND,
     OUTSIDE,
+    WIDEST_RAD,
     Beam,
-    beam_of,
+    beam_between,
     box_of,
     part_of_beam,
     point_cell,
+    rows_of_part,
+    span_scratch,
+    spans_of_rows,
+    widths_of,
 )
 
 Floats = NDArray[np.float64]
@@ -44,19 +49,19 @@ SUM, MASSES = range(2)  # the rules
 _FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _expit(x: float) -> Any:
     return 1.0 / (1.0 + math.exp(-x))
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _region(table: Floats, fraction: float) -> Any:
     """The factor of the region that holds a fraction of the way across."""
     at = math.floor(min(max(fraction, 0.0), 1.0) * table.size)
     return table[min(max(at, 0), table.size - 1)]
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _emptiness(kind: float, t: float) -> Any:
     """-1 (surely empty) .. 0 (nothing said) at t = 0 .. 1 of the way to the band."""
     if kind == 1.0:
@@ -66,7 +71,7 @@ def _emptiness(kind: float, t: float) -> Any:
     return -min(1.0, 2.0 * (1.0 - t)) if kind == 3.0 else 0.0
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def probability(
     sensor: Floats, angle: Floats, distance: Floats, rho: float, alpha: float, in_band: bool,
     range_m: float, start_m: float, end_m: float,
@@ -91,7 +96,7 @@ def probability(
     return 0.5 + (0.5 - sensor[P_MISS]) * a * q
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _combine(cells: Floats, row: int, col: int, p: float) -> None:
     """Dempster's rule for one cell: occupied, empty, unknown, conflict in ``cells[0..3]``."""
     said = 2.0 * p - 1.0
@@ -105,7 +110,7 @@ def _combine(cells: Floats, row: int, col: int, p: float) -> None:
     cells[3, row, col] = 1.0 - (1.0 - cells[3, row, col]) * (1.0 - conflict)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _floored(occupied: float, empty: float, unknown: float) -> tuple[float, float, float]:
     """Keep a little mass unknown; the three still add up to 1."""
     unknown = max(unknown, _FLOOR)
@@ -113,7 +118,7 @@ def _floored(occupied: float, empty: float, unknown: float) -> tuple[float, floa
     return occupied * scale, empty * scale, unknown
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _merge(
     cells: Floats, observed: Flags, row: int, col: int, p: float, in_band: bool, rule: int
 ) -> None:
@@ -126,7 +131,7 @@ def _merge(
         _combine(cells, row, col, p)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_reading(
     cells: Floats, observed: Flags, place: Place, beam: Beam, sensor: Floats, angle: Floats,
     distance: Floats, range_m: float, start_m: float, end_m: float, rule: int, part: int,
@@ -148,7 +153,7 @@ def _add_reading(
             _merge(cells, observed, r, c, p, found == BAND, rule)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_cellwise(
     cells: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats,
     angles: Floats, distances: Floats, rule: int, part: int, parts: int,
@@ -160,15 +165,18 @@ def add_cellwise(
     was said. The tables of S sensors are those of ``cell_tables``.
     """
     rows, cols = observed.shape
-    spans, doubt = np.empty((4, rows), np.int32), np.empty(rows, np.int32)
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    widths = widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
         name = names[i]
         sensor, angle, distance = sensors[name], angles[name], distances[name]
-        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], sensor[HALF_WIDTH])
-        row, col = point_cell(
-            beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt
-        )
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, name)
+        box, _, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if beam.half <= WIDEST_RAD and count > 0:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
+        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
+                              count, spare)  # fmt: skip
         _add_reading(cells, observed, place, beam, sensor, angle, distance, ranges[i], fronts[i],
                      bands[i], rule, part, parts, row, col)  # fmt: skip
         if row >= 0:

@@ -6,23 +6,25 @@ The values are those of one reading after the other, exactly: they are whole num
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.lanes import free_loop, inlined_loop, loop
 from mapping.kernels.batch.readings import Place, Readings
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
 from mapping.kernels.batch.spans import (
     BAND,
     OUTSIDE,
     WIDEST_RAD,
     Beam,
-    beam_of,
+    beam_between,
     box_of,
-    mark,
     part_of_beam,
     point_cell,
+    rows_of_part,
+    span_scratch,
     spans_of_rows,
+    widths_of,
 )  # fmt: skip
-from mapping.kernels.batch.steps import mark_seen
 
 Floats = NDArray[np.float64]
 Steps = NDArray[np.int32]
@@ -32,7 +34,7 @@ HALF_WIDTH, SAYS_FRONT = range(2)  # columns of the table of sensors
 COUNT, BINARY, NOTHING = range(3)  # what a cell in the band gains: 1, being 1, nothing
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def _gain(values: Floats, row: int, first: int, after: int, what: int) -> None:
     """Change the cells first to after - 1 of a row."""
     for c in range(first, after):
@@ -42,9 +44,9 @@ def _gain(values: Floats, row: int, first: int, after: int, what: int) -> None:
             values[row, c] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_wide(
-    values: Floats, seen: Steps, place: Place, beam: Beam, what: int, says_front: bool, part: int,
+    values: Floats, seen: Bits, place: Place, beam: Beam, what: int, says_front: bool, part: int,
     parts: int,
 ) -> None:  # fmt: skip
     """The rows of a beam of 180 degrees and more, each cell looked at on its own."""
@@ -60,7 +62,7 @@ def _add_wide(
                 _gain(values, own, c, c + 1, what)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_bands(
     values: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats, what: int,
     part: int, parts: int,
@@ -72,32 +74,27 @@ def add_bands(
     something of the cells in front. ``what``: COUNT, BINARY, or NOTHING (only ``observed``).
     """
     rows, cols = values.shape
-    spans, doubt = np.empty((4, rows), np.int32), np.empty(rows, np.int32)
-    seen = np.zeros(((rows - part + parts - 1) // parts, cols + 1), np.int32)
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    seen, widths = blank_seen(rows, cols, part, parts), widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
         half, says_front = sensors[names[i], HALF_WIDTH], sensors[names[i], SAYS_FRONT] != 0.0
-        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], half)
-        row, col = point_cell(
-            beam, place, rows, cols, ranges[i], bands[i], part, parts, spans, doubt
-        )
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
+        box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if half <= WIDEST_RAD and count > 0:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
+        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
+                              count, spare)  # fmt: skip
         if row >= 0:
             mark(seen, row // parts, col, col, col, col + 1, True)
             _gain(values, row, col, col + 1, what)
         if half > WIDEST_RAD:
             _add_wide(values, seen, place, beam, what, says_front, part, parts)
             continue
-        row0, row1, col0, col1 = box_of(beam, place, rows, cols)
-        row0 += (part - (row0 - place.row0)) % parts
-        if row0 >= row1 or col0 >= col1:
-            continue
-        shift, row = place.col0, row0 - place.row0
-        for k in range(spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)):
-            a, f = spans[0, k] - shift, spans[1, k] - shift
-            g, b = spans[2, k] - shift, spans[3, k] - shift
-            if b > a:
-                mark(seen, row // parts, a, f, g, b, says_front)
-                _gain(values, row, a, f, what)
-                _gain(values, row, g, b, what)
-            row += parts
+        shift = place.col0
+        mark_rows(seen, first // parts, count, shift, spans, says_front)
+        for k in range(count):
+            row = first + k * parts
+            _gain(values, row, spans[0, k] - shift, spans[1, k] - shift, what)
+            _gain(values, row, spans[2, k] - shift, spans[3, k] - shift, what)
     mark_seen(seen, observed, part, parts)

@@ -12,23 +12,36 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.lanes import (
+    POWERS,
+    WITH_LANES,
+    free_loop,
+    inlined_loop,
+    lanes_of_gaussians,
+    lanes_of_plain_row,
+    lanes_of_plain_rows,
+    lanes_of_row,
+    lanes_of_rows,
+    loop,
+)
 from mapping.kernels.batch.readings import Place, Readings
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
 from mapping.kernels.batch.spans import (
     FRONT,
     OUTSIDE,
     WIDEST_RAD,
     Beam,
-    beam_of,
-    box_of,
-    mark,
+    beam_between,
     part_of_beam,
     point_cell,
+    rows_of_part,
+    span_scratch,
     spans_of_rows,
+    widths_of,
 )  # fmt: skip
-from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE, mark_seen
+from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -39,34 +52,42 @@ NEAR_M = 0.35  # within this distance of the sensor emptiness is surer
 HALF_WIDTH, HIT, MISS, NEAR, FADE = range(5)  # columns of the table of sensors
 _LEAST: Any = np.float32(-CLAMP)
 _LOWEST_EXPONENT = np.float32(-126.0)
-# 2^u on -0.5 .. 0.5, within 1 ulp: the coefficients of u, u^2, ...
-_E1, _E2, _E3 = np.float32(0.6931472), np.float32(0.24022651), np.float32(0.05550411)
-_E4, _E5, _E6 = np.float32(0.009618129), np.float32(0.0013333558), np.float32(0.00015403530)
+_E0, _E1, _E2, _E3, _E4, _E5, _E6 = (np.float32(c) for c in POWERS)
 _UNIT, _BIAS, _MANTISSA_BITS = np.float32(1.0), np.int32(127), np.int32(23)
 _NOTHING: Any = np.int32(0)
 FLAT = 2.0**-13  # of the fading distance: up to here 1 + (rho / fade)^2 is 1 in float32
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def gaussians(
-    first: int, count: int, step: int, size: float, to: float, fade_m: float,
-    bell: Singles, square: Singles, bits: Steps,
+    first: int, count: int, step: int, size: float, to: float, fade_m: float, bell: Singles,
+    square: Singles,
 ) -> None:  # fmt: skip
     """exp(-(d / 0.35 m)^2) and (d / fade)^2 of the rows or columns first, first + step, ...
 
-    d = (index + 0.5) size + to, metres. They go to ``bell[k]`` and ``square[k]``, k < count.
+    d = (index + 0.5) size + to, metres. They go to ``bell[k]`` and ``square[k]``, k < count, which
+    have room for whole groups of eight.
     """
-    per_near = math.sqrt(math.log2(math.e)) / NEAR_M
-    per_fade = 1.0 / fade_m
+    per_near, per_fade = math.sqrt(math.log2(math.e)) / NEAR_M, 1.0 / fade_m
+    _fill_gaussians(np.int64(first), np.int64(count), np.int64(step), size, to, per_near, per_fade,
+                    bell, square)  # fmt: skip
+
+
+@loop
+def fill_gaussians_plainly(
+    first: int, count: int, step: int, size: float, to: float, per_near: float, per_fade: float,
+    bell: Singles, square: Singles,
+) -> None:  # fmt: skip
+    """One after the other."""
+    bits = np.empty(count, np.int32)
     for k in range(count):
         d = (np.float64(first + k * step) + 0.5) * size + to
-        x = np.float32(d * per_near)
-        y = np.float32(d * per_fade)
+        x, y = np.float32(d * per_near), np.float32(d * per_fade)
         exponent = max(-(x * x), _LOWEST_EXPONENT)
         whole = np.rint(exponent)
         u = exponent - whole
         p = ((((_E6 * u + _E5) * u + _E4) * u + _E3) * u + _E2) * u + _E1
-        bell[k] = p * u + _UNIT
+        bell[k] = p * u + _E0
         square[k] = y * y
         bits[k] = np.int32(np.int32(np.int32(whole) + _BIAS) << _MANTISSA_BITS)
     power = bits.view(np.float32)
@@ -74,131 +95,145 @@ def gaussians(
         bell[k] *= power[k]
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def add_row(
-    cells: Steps, row: int, columns: Steps, bell: Singles, square: Singles,
-    a: int, f: int, g: int, b: int, miss: float, near: float, depth: float, hit: Any,
+@loop
+def fill_gaussians_in_lanes(
+    first: int, count: int, step: int, size: float, to: float, per_near: float, per_fade: float,
+    bell: Singles, square: Singles,
 ) -> None:  # fmt: skip
-    """One row: a to f - 1 band, f to g - 1 front, g to b - 1 band; outside 0 is added."""
-    groups = a >> 4
-    start, count = np.uint64(groups << 4), (((b + 15) >> 4) - groups) << 4
-    a32, width = np.int32(a), np.uint32(b - a)
-    f32, front_width = np.int32(f), np.uint32(g - f)
-    for k in range(count):
-        c = start + np.uint64(k)
+    """Eight at a time."""
+    lanes_of_gaussians(first, count, step, size, to, per_near, per_fade, bell, square)
+
+
+_fill_gaussians = fill_gaussians_in_lanes if WITH_LANES else fill_gaussians_plainly
+
+
+@inlined_loop
+def add_row_plainly(
+    cells: Steps, row: int, bell: Singles, square: Singles, a: Any, f: Any, g: Any, b: Any,
+    miss: Any, near: Any, depth: Any, hit: Any,
+) -> None:  # fmt: skip
+    """One row: a to f - 1 band, f to g - 1 front, g to b - 1 band."""
+    for c in range(a, b):
         value = (miss + near * bell[c]) / (depth + square[c])  # both negative
         step = np.int32(np.rint(value if value > _LEAST else _LEAST))
-        column = columns[c]
-        step = step if np.uint32(column - f32) < front_width else hit
-        step = step if np.uint32(column - a32) < width else _NOTHING
+        step = step if f <= c < g else hit
         total = np.int32(cells[row, c] + step)
         total = total if total < HIGHEST else HIGHEST
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def add_plain_row(
-    cells: Steps, row: int, columns: Steps, a: int, f: int, g: int, b: int, miss: Any, hit: Any
+@inlined_loop
+def add_row_in_lanes(
+    cells: Steps, row: int, bell: Singles, square: Singles, a: Any, f: Any, g: Any, b: Any,
+    miss: Any, near: Any, depth: Any, hit: Any,
+) -> None:  # fmt: skip
+    """The same, eight cells at a time; to those outside 0 is added."""
+    bounds = (np.int32(a), np.int32(f), np.int32(g), np.int32(b))
+    lanes_of_row(cells, np.int64(row), bell, square, bounds, np.float32(miss), np.float32(near),
+                 np.float32(depth), np.int32(hit), LOWEST)  # fmt: skip
+
+
+@inlined_loop
+def add_plain_row_plainly(
+    cells: Steps, row: int, a: Any, f: Any, g: Any, b: Any, miss: Any, hit: Any
+) -> None:
+    """One row where all cells in front lose as much."""
+    for c in range(a, b):
+        total = np.int32(cells[row, c] + (miss if f <= c < g else hit))
+        total = total if total < HIGHEST else HIGHEST
+        cells[row, c] = total if total > LOWEST else LOWEST
+
+
+@inlined_loop
+def add_plain_row_in_lanes(
+    cells: Steps, row: int, a: Any, f: Any, g: Any, b: Any, miss: Any, hit: Any
+) -> None:
+    """The same, eight cells at a time; to those outside 0 is added."""
+    bounds = (np.int32(a), np.int32(f), np.int32(g), np.int32(b))
+    lanes_of_plain_row(cells, np.int64(row), bounds, np.int32(miss), np.int32(hit), LOWEST)
+
+
+add_row = add_row_in_lanes if WITH_LANES else add_row_plainly
+add_plain_row = add_plain_row_in_lanes if WITH_LANES else add_plain_row_plainly
+
+
+@loop
+def add_rows_plainly(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, bell: Singles,
+    square: Singles, row_bell: Singles, row_square: Singles, miss: Any, near: Any, hit: Any,
+) -> None:  # fmt: skip
+    """The rows first, first + step, ... of one reading, their spans from column ``shift`` on."""
+    for k in range(rows):
+        add_row_plainly(cells, first + k * step, bell, square, spans[0, k] - shift,
+                        spans[1, k] - shift, spans[2, k] - shift, spans[3, k] - shift, miss,
+                        near * row_bell[k], _UNIT + row_square[k], hit)  # fmt: skip
+
+
+@loop
+def add_rows_in_lanes(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, bell: Singles,
+    square: Singles, row_bell: Singles, row_square: Singles, miss: Any, near: Any, hit: Any,
+) -> None:  # fmt: skip
+    """The same, eight cells of two rows at a time."""
+    lanes_of_rows(cells, first, step, rows, np.int32(shift), spans, bell, square, row_bell,
+                  row_square, miss, near, hit, LOWEST)  # fmt: skip
+
+
+@loop
+def add_plain_rows_plainly(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, miss: Any, hit: Any
 ) -> None:
     """The same where all cells in front lose as much."""
-    groups = a >> 4
-    start, count = np.uint64(groups << 4), (((b + 15) >> 4) - groups) << 4
-    a32, width = np.int32(a), np.uint32(b - a)
-    f32, front_width = np.int32(f), np.uint32(g - f)
-    for k in range(count):
-        c = start + np.uint64(k)
-        column = columns[c]
-        step = miss if np.uint32(column - f32) < front_width else hit
-        step = step if np.uint32(column - a32) < width else _NOTHING
-        total = np.int32(cells[row, c] + step)
-        total = total if total < HIGHEST else HIGHEST
-        cells[row, c] = total if total > LOWEST else LOWEST
-
-
-@njit(cache=True, error_model="numpy")
-def _add_rows(
-    cells: Steps, seen: Steps, first: int, first_seen: int, step: int, shift: int, rows: int,
-    spans: Steps, columns: Steps, bell: Singles, square: Singles, row_bell: Singles,
-    row_square: Singles, miss: Any, near: Any, hit: Any, is_plain: bool,
-) -> None:  # fmt: skip
-    """The spans of some rows of one reading."""
-    says_front = miss != 0.0
-    plain = np.int32(np.rint(max(miss, _LEAST)))
     for k in range(rows):
-        a, f, g, b = (
-            spans[0, k] - shift,
-            spans[1, k] - shift,
-            spans[2, k] - shift,
-            spans[3, k] - shift,
-        )
-        if b <= a:
-            continue
-        mark(seen, first_seen + k, a, f, g, b, says_front)
-        if is_plain or f == g:
-            add_plain_row(cells, first + k * step, columns, a, f, g, b, plain, hit)
-        else:
-            add_row(cells, first + k * step, columns, bell, square, a, f, g, b,
-                     miss, near * row_bell[k], _UNIT + row_square[k], hit)  # fmt: skip
+        add_plain_row_plainly(cells, first + k * step, spans[0, k] - shift, spans[1, k] - shift,
+                              spans[2, k] - shift, spans[3, k] - shift, miss, hit)  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@loop
+def add_plain_rows_in_lanes(
+    cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, miss: Any, hit: Any
+) -> None:
+    """The same, eight cells of two rows at a time."""
+    lanes_of_plain_rows(cells, first, step, rows, np.int32(shift), spans, miss, hit, LOWEST)
+
+
+_add_rows = add_rows_in_lanes if WITH_LANES else add_rows_plainly
+_add_plain_rows = add_plain_rows_in_lanes if WITH_LANES else add_plain_rows_plainly
+
+
+@loop
 def _add_wedge(
-    cells: Steps, seen: Steps, place: Place, beam: Beam, miss: float, near: float, fade: float,
-    hit: int, part: int, parts: int, cols: int, columns: Steps, bell: Singles, square: Singles,
-    row_bell: Singles, row_square: Singles, bits: Steps, spans: Steps, doubt: Steps,
+    cells: Steps, seen: Bits, place: Place, beam: Beam, miss: float, near: float, fade: float,
+    hit: int, rows: tuple[int, int, int], box: tuple[int, int, int, int], spans: Steps,
+    bell: Singles, square: Singles, row_bell: Singles, row_square: Singles,
 ) -> None:  # fmt: skip
-    """The rows of one beam that belong to a part."""
-    row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
-    row0 += (part - (row0 - place.row0)) % parts
-    if row0 >= row1 or col0 >= col1:
+    """Some rows of one beam: first and step in the map and how many, ``spans`` being theirs."""
+    first, step, count = rows
+    mark_rows(seen, first // step, count, place.col0, spans, miss != 0.0)
+    if near == 0.0 and beam.limit < fade * FLAT:
+        plain = np.int32(np.rint(max(miss, _LEAST)))
+        _add_plain_rows(cells, first, step, count, place.col0, spans, plain, hit)
         return
-    rows = spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)
-    is_plain = near == 0.0 and beam.limit < fade * FLAT
-    if not is_plain:
-        start, end = (col0 - place.col0) // LANES * LANES, -((place.col0 - col1) // LANES) * LANES
-        gaussians(start + place.col0, end - start, np.int64(1), place.size_m,
-                  place.origin_x_m - beam.x, fade, bell[start:end], square[start:end],
-                  bits)  # fmt: skip
-        gaussians(row0, rows, parts, place.size_m, place.origin_y_m - beam.y,
-                  fade, row_bell, row_square, bits)  # fmt: skip
-    first = row0 - place.row0
-    _add_rows(cells, seen, first, first // parts, parts, place.col0, rows, spans, columns, bell,
-              square, row_bell, row_square, miss, near, hit, is_plain)  # fmt: skip
+    start, end = (box[2] - place.col0) // LANES * LANES, -((place.col0 - box[3]) // LANES) * LANES
+    gaussians(start + place.col0, end - start, 1, place.size_m, place.origin_x_m - beam.x,
+              fade, bell[start:end], square[start:end])  # fmt: skip
+    gaussians(first + place.row0, count, step, place.size_m, place.origin_y_m - beam.y, fade,
+              row_bell, row_square)  # fmt: skip
+    _add_rows(cells, first, step, count, place.col0, spans, bell, square, row_bell, row_square,
+              miss, near, hit)  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_wide(
-    cells: Steps, seen: Steps, place: Place, beam: Beam, miss: float, near: float, fade: float,
-    hit: int, part: int, parts: int, cols: int, columns: Steps, bell: Singles, square: Singles,
-    row_bell: Singles, row_square: Singles, bits: Steps,
+    cells: Steps, seen: Bits, place: Place, beam: Beam, miss: float, near: float, fade: float,
+    hit: int, box: tuple[int, int, int, int], parts: int, bell: Singles, square: Singles,
+    row_bell: Singles, row_square: Singles,
 ) -> None:  # fmt: skip
     """The same for a beam of 180 degrees and more, each cell looked at on its own."""
-    row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
-    row0 += (part - (row0 - place.row0)) % parts
-    size = place.size_m
-    gaussians(
-        place.col0,
-        bell.size,
-        np.int64(1),
-        size,
-        place.origin_x_m - beam.x,
-        fade,
-        bell,
-        square,
-        bits,
-    )
+    (row0, row1, col0, col1), size = box, place.size_m
+    gaussians(place.col0, bell.size, 1, size, place.origin_x_m - beam.x, fade, bell, square)
     for row in range(row0, row1, parts):
-        gaussians(
-            row,
-            np.int64(1),
-            np.int64(1),
-            size,
-            place.origin_y_m - beam.y,
-            fade,
-            row_bell,
-            row_square,
-            bits,
-        )
+        gaussians(row, 1, 1, size, place.origin_y_m - beam.y, fade, row_bell, row_square)
         dy, own = (row + 0.5) * size + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
             found = part_of_beam(beam, (col + 0.5) * size + place.origin_x_m - beam.x, dy)
@@ -207,11 +242,11 @@ def _add_wide(
             a = col - place.col0
             g = a + 1 if found == FRONT else a
             mark(seen, own // parts, a, a, g, a + 1, miss != 0.0)
-            add_row(cells, own, columns, bell, square, a, a, g, a + 1,
-                     miss, near * row_bell[0], _UNIT + row_square[0], hit)  # fmt: skip
+            add_row(cells, own, bell, square, a, a, g, a + 1, miss, near * row_bell[0],
+                    _UNIT + row_square[0], hit)  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_fading(
     cells: Steps, observed: Flags, place: Place, readings: Readings, sensors: Floats,
     part: int, parts: int,
@@ -223,28 +258,31 @@ def add_fading(
     `fading`'s hit, miss, near and fade_m of each sensor.
     """
     (rows, cols), stride = observed.shape, cells.shape[1]
-    columns, bits = np.arange(stride).astype(np.int32), np.empty(max(rows, stride), np.int32)
     bell, square = np.empty(stride, np.float32), np.empty(stride, np.float32)
-    row_bell, row_square = np.empty(rows, np.float32), np.empty(rows, np.float32)
-    spans, doubt = np.empty((4, rows), np.int32), np.empty(rows, np.int32)
-    seen = np.zeros(((rows - part + parts - 1) // parts, stride + 1), np.int32)
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    row_bell, row_square = np.empty(doubt.size, np.float32), np.empty(doubt.size, np.float32)
+    seen = blank_seen(rows, cols, part, parts)
+    widths = widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
         name = names[i]
-        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands[i], sensors[name, HALF_WIDTH])
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, name)
         fade, faded = sensors[name, FADE], ranges[i] / sensors[name, FADE]
         miss = np.float32(-sensors[name, MISS] * ONE)
         near = np.float32(-sensors[name, MISS] * sensors[name, NEAR] * ONE)
         hit = np.int32(np.rint(min(sensors[name, HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
+        box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if count > 0 and beam.half <= WIDEST_RAD:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
         point_row, point_col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part,
-                                          parts, spans, doubt)  # fmt: skip
+                                          parts, spans, count, spare)  # fmt: skip
         before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
-        if beam.half > WIDEST_RAD:
-            _add_wide(cells, seen, place, beam, miss, near, fade, hit, part, parts, cols, columns,
-                      bell, square, row_bell, row_square, bits)  # fmt: skip
-        else:
-            _add_wedge(cells, seen, place, beam, miss, near, fade, hit, part, parts, cols, columns,
-                       bell, square, row_bell, row_square, bits, spans, doubt)  # fmt: skip
+        if count > 0 and beam.half <= WIDEST_RAD:
+            _add_wedge(cells, seen, place, beam, miss, near, fade, hit, (first, parts, count), box,
+                       spans, bell, square, row_bell, row_square)  # fmt: skip
+        elif count > 0:
+            _add_wide(cells, seen, place, beam, miss, near, fade, hit, box, parts, bell, square,
+                      row_bell, row_square)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             cells[point_row, point_col] = min(np.int32(before + hit), HIGHEST)
             mark(seen, point_row // parts, point_col, point_col, point_col, point_col + 1, True)

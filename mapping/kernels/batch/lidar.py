@@ -14,7 +14,6 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from mapping.kernels.batch.fading import (
@@ -28,10 +27,12 @@ from mapping.kernels.batch.fading import (
     add_row,
     gaussians,
 )  # fmt: skip
+from mapping.kernels.batch.lanes import free_loop, loop
 from mapping.kernels.batch.outline import front_runs
 from mapping.kernels.batch.readings import Place, ScanAxes, Scans
-from mapping.kernels.batch.spans import Beam, likely_spans, mark
-from mapping.kernels.batch.steps import CLAMP, HIGHEST, ONE, mark_seen
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_seen
+from mapping.kernels.batch.spans import Beam, likely_spans, span_scratch
+from mapping.kernels.batch.steps import CLAMP, HIGHEST, ONE
 from mapping.kernels.footprints import TOLERANCE_M, _in_beam, turn_of
 
 Floats = NDArray[np.float64]
@@ -41,7 +42,7 @@ Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _band_runs(
     x: float, y: float, low: Floats, high: Floats, axis: Integers, fronts: Floats, bands: Floats,
     place: Place, rows: int, cols: int, runs: Steps, slow: Flags, spans: Steps, doubt: Steps,
@@ -79,7 +80,7 @@ def _band_runs(
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _nearest_axes(
     axis: Integers, headings: Floats, turns: Floats, after: Integers, scratch: Floats
 ) -> None:
@@ -102,7 +103,7 @@ def _nearest_axes(
         after[k] = axis[(lowest + first + k + 1) % n]
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _owner(
     dx: float, dy: float, turns: Floats, after: Integers, headings: Floats, half: float,
     fronts: Floats, bands: Floats,
@@ -128,7 +129,7 @@ def _owner(
     return axis, not in_front
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _turned(c: float, s: float, unit: Floats, out: Floats) -> None:
     """Directions (2, A) turned by an angle."""
     for j in range(unit.shape[1]):
@@ -136,14 +137,14 @@ def _turned(c: float, s: float, unit: Floats, out: Floats) -> None:
         out[1, j] = s * unit[0, j] + c * unit[1, j]
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _hit_of(sensor: Floats, range_m: float) -> Any:
     """Steps that a cell in the band gains."""
     faded = range_m / sensor[FADE]
     return np.int32(np.rint(min(sensor[HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _count_bands(
     runs: Steps, found: int, slow: Flags, place: Place, x: float, y: float, cols: int,
     turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
@@ -165,7 +166,7 @@ def _count_bands(
                     in_band[axis] += 1
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _point_cells(
     cells: Steps, place: Place, x: float, y: float, headings: Floats, ranges: Floats,
     bands: Floats, in_band: Integers, part: int, parts: int, cols: int, points: Integers,
@@ -195,7 +196,7 @@ def _point_cells(
     return found
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_scans(
     cells: Steps, observed: Flags, place: Place, scans: Scans, axes: ScanAxes, sensor: Floats,
     part: int, parts: int,
@@ -206,16 +207,14 @@ def add_scans(
     the cells of which anything was said. ``sensor`` (5,) is a row of ``fading``'s table.
     """
     (rows, cols), stride, beams = observed.shape, cells.shape[1], axes.bearings_rad.size
-    columns, start = np.arange(stride).astype(np.int32), np.empty(rows, np.int32)
     bell, square = np.zeros(stride, np.float32), np.zeros(stride, np.float32)
-    row_bell, row_square = np.zeros(rows, np.float32), np.zeros(rows, np.float32)
-    bits = np.empty(max(rows, stride), np.int32)
-    spans, doubt, slow = (
-        np.empty((4, rows), np.int32),
+    (spans, doubt), start, slow = (
+        span_scratch(rows),
         np.empty(rows, np.int32),
         np.empty(rows, np.bool_),
     )
-    seen = np.zeros(((rows - part + parts - 1) // parts, stride + 1), np.int32)
+    row_bell, row_square = np.zeros(doubt.size, np.float32), np.zeros(doubt.size, np.float32)
+    seen = blank_seen(rows, cols, part, parts)
     fronts_found, band_runs = np.empty((3, 8 * rows), np.int32), np.empty((4, 8 * rows), np.int32)
     in_band, points = np.empty(beams, np.int64), np.empty((4, beams + 1), np.int64)
     low, high = np.empty_like(axes.low), np.empty_like(axes.high)
@@ -257,17 +256,17 @@ def add_scans(
                                     parts, cols, points)  # fmt: skip
         is_plain = near == 0.0 and farthest < sensor[FADE] * FLAT
         if not is_plain:
-            gaussians(place.col0, stride, np.int64(1), size, place.origin_x_m - x, sensor[FADE],
-                      bell, square, bits)  # fmt: skip
-            gaussians(place.row0, rows, np.int64(1), size, place.origin_y_m - y, sensor[FADE],
-                      row_bell, row_square, bits)  # fmt: skip
-        _add_front(cells, seen, fronts_found, found, slow, columns, bell, square, row_bell,
+            gaussians(place.col0, stride, 1, size, place.origin_x_m - x, sensor[FADE], bell,
+                      square)  # fmt: skip
+            gaussians(place.row0, rows, 1, size, place.origin_y_m - y, sensor[FADE], row_bell,
+                      row_square)  # fmt: skip
+        _add_front(cells, seen, fronts_found, found, slow, bell, square, row_bell,
                    row_square, miss, near, is_plain, parts)  # fmt: skip
-        _add_bands(cells, seen, band_runs, found_bands, slow, columns, sensor, ranges, part, parts)
+        _add_bands(cells, seen, band_runs, found_bands, slow, sensor, ranges, part, parts)
         for row in range(part, rows, parts):
             if slow[row]:
                 _add_slow_row(cells, seen, row, place, x, y, cols, turns, after, headings, half,
-                              front_ends, band_ends, ranges, sensor, columns, bell, square,
+                              front_ends, band_ends, ranges, sensor, bell, square,
                               row_bell, row_square, miss, near, parts)  # fmt: skip
         for k in range(found_points):
             row, col = points[0, k], points[1, k]
@@ -277,7 +276,7 @@ def add_scans(
     mark_seen(seen, observed, part, parts)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _any(flags: Flags) -> bool:
     found = False
     for k in range(flags.size):
@@ -285,7 +284,7 @@ def _any(flags: Flags) -> bool:
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _ends_of(
     axis: Integers, front_ends: Floats, band_ends: Floats, size: float, fronts: Floats,
     bands: Floats, in_cells: Floats,
@@ -303,10 +302,10 @@ def _ends_of(
     return farthest
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_bands(
-    cells: Steps, seen: Steps, runs: Steps, found: int, slow: Flags, columns: Steps,
-    sensor: Floats, ranges: Floats, part: int, parts: int,
+    cells: Steps, seen: Bits, runs: Steps, found: int, slow: Flags, sensor: Floats,
+    ranges: Floats, part: int, parts: int,
 ) -> None:  # fmt: skip
     """The runs of a scan's bands."""
     beam, hit = -1, np.int32(0)
@@ -322,7 +321,7 @@ def _add_bands(
             cells[row, c] = min(np.int32(cells[row, c] + hit), HIGHEST)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _is_sharp(axes: ScanAxes) -> bool:
     """Is every beam narrower than a half plane, so that a row meets it in one run?"""
     for j in range(axes.axis.size):
@@ -333,10 +332,10 @@ def _is_sharp(axes: ScanAxes) -> bool:
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_front(
-    cells: Steps, seen: Steps, runs: Steps, found: int, slow: Flags, columns: Steps,
-    bell: Singles, square: Singles, row_bell: Singles, row_square: Singles, miss: Any,
+    cells: Steps, seen: Bits, runs: Steps, found: int, slow: Flags, bell: Singles,
+    square: Singles, row_bell: Singles, row_square: Singles, miss: Any,
     near: Any, is_plain: bool, parts: int,
 ) -> None:  # fmt: skip
     """The runs of a scan's front."""
@@ -348,17 +347,17 @@ def _add_front(
         if miss != 0.0:
             mark(seen, row // parts, a, a, b, b, True)
         if is_plain:
-            add_plain_row(cells, row, columns, a, a, b, b, plain, plain)
+            add_plain_row(cells, row, a, a, b, b, plain, plain)
         else:
-            add_row(cells, row, columns, bell, square, a, a, b, b, miss, near * row_bell[row],
+            add_row(cells, row, bell, square, a, a, b, b, miss, near * row_bell[row],
                     np.float32(1.0) + row_square[row], plain)  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_slow_row(
-    cells: Steps, seen: Steps, row: int, place: Place, x: float, y: float, cols: int,
+    cells: Steps, seen: Bits, row: int, place: Place, x: float, y: float, cols: int,
     turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
-    ranges: Floats, sensor: Floats, columns: Steps, bell: Singles,
+    ranges: Floats, sensor: Floats, bell: Singles,
     square: Singles, row_bell: Singles, row_square: Singles,
     miss: float, near: float, parts: int,
 ) -> None:  # fmt: skip
@@ -373,5 +372,5 @@ def _add_slow_row(
         if is_band or miss != 0.0:
             mark(seen, row // parts, col, col, col, col + 1, True)
         g = col if is_band else col + 1
-        add_row(cells, row, columns, bell, square, col, col, g, col + 1, miss,
+        add_row(cells, row, bell, square, col, col, g, col + 1, miss,
                 near * row_bell[row], np.float32(1.0) + row_square[row], hit)  # fmt: skip

@@ -9,8 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from mapping.kernels.batch.lanes import loop
 
 Floats = NDArray[np.float64]
 Steps = NDArray[np.int32]
@@ -19,7 +20,7 @@ Flags = NDArray[np.bool_]
 _UNSURE = 1e-5  # of a cell
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _row_range(
     y: float, up: bool, d0: float, d1: float, rows: int, part: int, parts: int, slow: Flags
 ) -> tuple[int, int]:
@@ -36,7 +37,7 @@ def _row_range(
     return first + (part - first) % parts, math.floor(min(high, rows - 1.0)) + 1
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _along_ray(
     x: float, y: float, c: float, s: float, before: float, after: float, rows: int, cols: int,
     part: int, parts: int, start: Steps, runs: Steps, found: int, slow: Flags,
@@ -64,7 +65,7 @@ def _along_ray(
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _along_arc(
     x: float, y: float, c0: float, s0: float, c1: float, s1: float, radius: float, up: bool,
     rows: int, cols: int, part: int, parts: int, start: Steps, runs: Steps, found: int, slow: Flags,
@@ -98,14 +99,14 @@ def _along_arc(
     return found
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _is_up(c: float, s: float, begins: bool) -> bool:
     """Is a direction above the sensor? Of those along the row: 0 where a beam begins, pi where it
     ends."""
     return s > 0.0 or (s == 0.0 and (c > 0.0) == begins)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _first_axis(low: Floats, high: Floats) -> int:
     """The beam that direction 0 goes through, or the next one."""
     first, nearest = 0, 5.0
@@ -122,7 +123,7 @@ def _first_axis(low: Floats, high: Floats) -> int:
     return first
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def front_runs(
     x: float, y: float, low: Floats, high: Floats, joined: Flags, fronts: Floats, rows: int,
     cols: int, part: int, parts: int, start: Steps, runs: Steps, slow: Flags,

@@ -13,24 +13,27 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.lanes import free_loop, inlined_loop, loop
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.region_tables import EMPTY_0, EMPTY_T, HALF_WIDTH, LARGEST
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_seen
 from mapping.kernels.batch.spans import (
     BAND,
     OUTSIDE,
     WIDEST_RAD,
     Beam,
-    beam_of,
+    beam_between,
     box_of,
-    mark,
     part_of_beam,
     point_cell,
+    rows_of_part,
+    span_scratch,
     spans_of_rows,
+    widths_of,
 )  # fmt: skip
-from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE, mark_seen
+from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -46,7 +49,7 @@ _SCALE, _UNIT, _ZERO = np.float32(-ONE), np.float32(1.0), np.float32(0.0)
 _NOTHING = np.int32(0)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def region_borders(
     beam: Beam, place: Place, row0: int, step: int, rows: int, regions: int, borders: Steps
 ) -> None:
@@ -56,7 +59,6 @@ def region_borders(
     """
     per_cell = 1.0 / place.size_m
     offset = (beam.x - place.origin_x_m) * per_cell - 0.5
-    base_y = place.origin_y_m - beam.y
     # A border on the other side of the sensor does not cross the row: all of the row's cells lie
     # on that side of it on which the beam goes over to the other half.
     missed_above = float(_BEYOND if beam.sin_right <= 0.0 else -_BEYOND)
@@ -69,14 +71,14 @@ def region_borders(
         is_up, is_down = sin_border > 0.0, sin_border < 0.0
         limit = np.float64(_BEYOND)
         for r in range(rows):
-            dy = (np.float64(row0 + r * step) + 0.5) * place.size_m + base_y
+            dy = (np.float64(row0 + r * step) + 0.5) * place.size_m + place.origin_y_m - beam.y
             at = min(max(dy * slope + offset, -limit), limit)
             above = np.floor(at) + 1.0 if is_up else missed_above
             below = np.ceil(at) if is_down else missed_below
             borders[k, r] = np.int32(above if dy > 0.0 else below)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def _write_runs(
     borders: Steps, r: int, is_above: bool, regions: int, bands: int, a: int, b: int, shift: int,
     factors: Singles, factor: Singles, base: Steps,
@@ -96,7 +98,7 @@ def _write_runs(
         start = end
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def _add_front(
     cells: Steps, row: int, columns: Steps, square: Singles, dy_squared: float, factor: Singles,
     f: int, g: int, e0: float, e1: float,
@@ -119,7 +121,7 @@ def _add_front(
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def _add_band(
     cells: Steps, row: int, place: Place, beam: Beam, columns: Steps, square: Singles,
     dy_squared: float, base: Steps, a: int, b: int, bands: int, table: Steps, index: Steps,
@@ -156,7 +158,7 @@ def _add_band(
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _squares(first: int, count: int, step: int, size: float, to: float, square: Singles) -> None:
     """((index + 0.5) size + to)^2 of the rows or columns first, first + step, ..."""
     for k in range(count):
@@ -164,7 +166,7 @@ def _squares(first: int, count: int, step: int, size: float, to: float, square: 
         square[k] = d * d
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _cell_step(
     beam: Beam, dx: float, dy: float, part: int, e0: float, e1: float, regions: int, bands: int,
     factors: Singles, table: Steps,
@@ -183,9 +185,9 @@ def _cell_step(
     return np.int32(np.rint(min(max(math.log((1.0 - z) / (1.0 + z)) * ONE, -CLAMP), CLAMP)))
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_slowly(
-    cells: Steps, seen: Steps, place: Place, beam: Beam, e0: float, e1: float, regions: int,
+    cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
     bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, says_front: bool,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part, each cell on its own."""
@@ -204,19 +206,15 @@ def _add_slowly(
             cells[own, c] = min(max(np.int32(cells[own, c] + step), LOWEST), HIGHEST)
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _add_rows(
-    cells: Steps, seen: Steps, place: Place, beam: Beam, e0: float, e1: float, regions: int,
-    bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, says_front: bool,
-    columns: Steps, square: Singles, row_square: Singles, factor: Singles, base: Steps,
-    index: Steps, borders: Steps, spans: Steps, doubt: Steps,
+    cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
+    bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], rows: int,
+    parts: int, says_front: bool, columns: Steps, square: Singles, row_square: Singles,
+    factor: Singles, base: Steps, index: Steps, borders: Steps, spans: Steps,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part."""
-    row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
-    row0 += (part - (row0 - place.row0)) % parts
-    if row0 >= row1 or col0 >= col1:
-        return
-    rows = spans_of_rows(beam, place, (row0, row1, col0, col1), parts, spans, doubt)
+    row0, _row1, col0, col1 = box
     shift, size = place.col0, place.size_m
     start, end = (col0 - shift) // LANES * LANES, -((shift - col1) // LANES) * LANES
     _squares(start + shift, end - start, np.int64(1), size, place.origin_x_m - beam.x,
@@ -245,7 +243,7 @@ def _add_rows(
                           bands, table, index)  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_regions(
     cells: Steps, observed: Flags, place: Place, readings: Readings, sensors: Floats,
     factors: Singles, tables: Steps, part: int, parts: int,
@@ -262,28 +260,33 @@ def add_regions(
     columns, index = np.arange(stride).astype(np.int32), np.empty(stride + LANES, np.int32)
     square, row_square = np.zeros(stride + LANES, np.float32), np.empty(rows, np.float32)
     factor, base = np.empty(stride + LANES, np.float32), np.zeros(stride + LANES, np.int32)
-    spans, doubt = np.empty((4, rows), np.int32), np.empty(rows, np.int32)
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    widths = widths_of(sensors[:, HALF_WIDTH])
     borders = np.empty((regions, rows), np.int32)
-    seen = np.zeros(((rows - part + parts - 1) // parts, stride + 1), np.int32)
+    seen = blank_seen(rows, cols, part, parts)
     xs, ys, headings, ranges, fronts, bands_m, names = readings
     flat = tables.reshape(tables.shape[0], regions * bands)
     for i in range(xs.size):
         name = names[i]
-        beam = beam_of(xs[i], ys[i], headings[i], fronts[i], bands_m[i], sensors[name, HALF_WIDTH])
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands_m[i], widths, name)
         own, table = factors[name], flat[name]
         e0 = sensors[name, EMPTY_0]
         e1 = sensors[name, EMPTY_T] / fronts[i] if fronts[i] > 0.0 else 0.0
         says_front = sensors[name, LARGEST] > 0.0 and e0 > 0.0
+        is_fast = beam.half <= WIDEST_RAD and sensors[name, LARGEST] <= SMALL_Z
+        box, _, count = rows_of_part(beam, place, rows, cols, part, parts)
+        if beam.half <= WIDEST_RAD and count > 0:
+            spans_of_rows(beam, place, box, parts, spans, doubt)
         point_row, point_col = point_cell(beam, place, rows, cols, ranges[i], bands_m[i], part,
-                                          parts, spans, doubt)  # fmt: skip
+                                          parts, spans, count, spare)  # fmt: skip
         before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
-        if beam.half > WIDEST_RAD or sensors[name, LARGEST] > SMALL_Z:
+        if not is_fast:
             _add_slowly(cells, seen, place, beam, e0, e1, regions, bands, own, table, part, parts,
                         cols, says_front)  # fmt: skip
-        else:
-            _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, part, parts,
-                      cols, says_front, columns, square, row_square, factor, base, index, borders,
-                      spans, doubt)  # fmt: skip
+        elif count > 0:
+            _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, box, count,
+                      parts, says_front, columns, square, row_square, factor, base, index, borders,
+                      spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]
             cells[point_row, point_col] = min(max(np.int32(before + hit), LOWEST), HIGHEST)

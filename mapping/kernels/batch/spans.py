@@ -9,12 +9,12 @@ cell, with the very predicate of the rasteriser (``footprints``), so that both c
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.lanes import EIGHT, WITH_LANES, inlined_loop, lanes_of_spans, loop
 from mapping.kernels.batch.readings import Place
 from mapping.kernels.footprints import TOLERANCE_M, TOLERANCE_RAD, _in_beam
 
@@ -50,23 +50,43 @@ class Beam(NamedTuple):
     limit: float
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def beam_of(
-    x: float, y: float, heading: float, front_end: float, band_end: float, half: float
-) -> Beam:
-    """The beam of a reading, ``half`` being half its width."""
+@loop
+def widths_of(halves: Floats) -> Floats:
+    """What beams of each sensor share (S, 5): half the width, its sine and cosine, and those of
+    the half with its tolerance; ``halves`` are (S,)."""
+    widths = np.empty((halves.size, 5))
+    for k in range(halves.size):
+        half = halves[k]
+        widths[k, 0], widths[k, 1], widths[k, 2] = half, math.sin(half), math.cos(half)
+        widths[k, 3], widths[k, 4] = math.sin(half + TOLERANCE_RAD), math.cos(half + TOLERANCE_RAD)
+    return widths
+
+
+@inlined_loop
+def beam_between(
+    x: float, y: float, heading: float, front_end: float, band_end: float, widths: Floats,
+    sensor: int,
+) -> Beam:  # fmt: skip
+    """The beam of a reading of a sensor, of ``widths_of``."""
     c, s = math.cos(heading), math.sin(heading)
-    sin_out, cos_out = math.sin(half + TOLERANCE_RAD), math.cos(half + TOLERANCE_RAD)
+    half, sin_half, cos_half = widths[sensor, 0], widths[sensor, 1], widths[sensor, 2]
+    sin_out, cos_out = widths[sensor, 3], widths[sensor, 4]
     front_limit = front_end - TOLERANCE_M
     limit = band_end + TOLERANCE_M if band_end > front_end else front_limit
     return Beam(
-        x, y, c, s, half, math.sin(half), math.cos(half),
+        x, y, c, s, half, sin_half, cos_half,
         c * cos_out + s * sin_out, s * cos_out - c * sin_out,
         c * cos_out - s * sin_out, s * cos_out + c * sin_out, front_limit, limit,
     )  # fmt: skip
 
 
-@njit(cache=True, error_model="numpy")
+@loop
+def span_scratch(rows: int) -> tuple[Columns, Columns]:
+    """``spans`` and ``doubt`` for so many rows, with room for whole groups of eight."""
+    return np.empty((4, rows + EIGHT), np.int32), np.empty(rows + EIGHT, np.int32)
+
+
+@loop
 def part_of_beam(beam: Beam, dx: float, dy: float) -> int:
     """OUTSIDE, FRONT or BAND: the rasteriser's predicate for a cell's centre."""
     squared = dx * dx + dy * dy
@@ -82,7 +102,7 @@ def part_of_beam(beam: Beam, dx: float, dy: float) -> int:
     return BAND if beam.limit > beam.front_limit else OUTSIDE
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def box_of(beam: Beam, place: Place, rows: int, cols: int) -> tuple[int, int, int, int]:
     """First row, row after the last, first column, column after the last that a beam may meet.
 
@@ -114,7 +134,7 @@ def box_of(beam: Beam, place: Place, rows: int, cols: int) -> tuple[int, int, in
     return row0, max(row1, row0), col0, max(col1, col0)
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
+@inlined_loop
 def surely_has_band(beam: Beam, place: Place, rows: int, cols: int) -> bool:
     """Can it be told without looking that a cell's centre lies in the band?"""
     radius, middle = _DISC_CELLS * place.size_m, (beam.front_limit + beam.limit) / 2.0
@@ -128,7 +148,7 @@ def surely_has_band(beam: Beam, place: Place, rows: int, cols: int) -> bool:
     return margin < col < cols - margin and margin < row < rows - margin
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def _row_again(
     beam: Beam, place: Place, row: int, first: int, after: int
 ) -> tuple[int, int, int, int]:
@@ -150,7 +170,7 @@ def _row_again(
     return start, front_start, front_end, end
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def spans_of_rows(
     beam: Beam, place: Place, box: tuple[int, int, int, int], step: int, spans: Columns,
     doubt: Columns,
@@ -158,8 +178,8 @@ def spans_of_rows(
     """Fill ``spans[:, k]`` for the rows of a box, from the first on every ``step``-th: a, f, g, b.
 
     The beam covers the columns a to b - 1, of these f to g - 1 are its front; all are indices of
-    the whole grid. Needs half a beam of at most ``WIDEST_RAD``. ``doubt`` is scratch. Returns the
-    number of rows.
+    the whole grid. Needs half a beam of at most ``WIDEST_RAD``. ``doubt`` is scratch; both are
+    those of ``span_scratch``. Returns the number of rows.
     """
     row0, row1, col0, col1 = box
     rows = (row1 - row0 + step - 1) // step
@@ -171,7 +191,7 @@ def spans_of_rows(
     return rows
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def likely_spans(
     beam: Beam, place: Place, box: tuple[int, int, int, int], step: int, spans: Columns,
     doubt: Columns,
@@ -180,8 +200,14 @@ def likely_spans(
 
     Returns how many these are.
     """
-    row0, row1, col0, col1 = box
-    rows = (row1 - row0 + step - 1) // step
+    rows = (box[1] - box[0] + step - 1) // step
+    return int(_fill_spans(spans, doubt, np.int64(rows), _limits(beam, place, box, step)))
+
+
+@inlined_loop
+def _limits(beam: Beam, place: Place, box: tuple[int, int, int, int], step: int) -> Any:
+    """All that the spans of a row depend on but the row."""
+    row0, _row1, col0, col1 = box
     size, limit, front_limit = place.size_m, beam.limit, beam.front_limit
     sin_right = beam.sin_right if abs(beam.sin_right) > _ANY_SINE else _ANY_SINE
     sin_left = beam.sin_left if abs(beam.sin_left) > _ANY_SINE else _ANY_SINE
@@ -199,12 +225,24 @@ def likely_spans(
     unsure += 2e-10 * reach_cells / min(abs(sin_right), abs(sin_left))
     flat_m = size * 1e-5 + limit * (0.0 if unsure < 0.25 else 1e-5)
     unsure = min(unsure, 0.25)
-    limit_squared = limit * limit
     front_squared = front_limit * front_limit if front_limit > 0.0 else -1.0
-    first, after, base_y = np.float64(col0), np.float64(col1), place.origin_y_m - beam.y
-    unclear = 0
+    return (
+        np.float64(row0), np.float64(step), size, place.origin_y_m - beam.y, limit * limit,
+        front_squared, low_r, low_r0, low_l, low_l0, high_r, high_r0, high_l, high_l0, far,
+        per_cell, offset, np.float64(col0), np.float64(col1), unsure, flat_m,
+    )  # fmt: skip
+
+
+@loop
+def fill_spans_plainly(spans: Columns, doubt: Columns, rows: int, limits: Any) -> int:
+    """Spans of rows and what is in doubt; how many rows are."""
+    (row0, step, size, base_y, limit_squared, front_squared, low_r, low_r0, low_l, low_l0, high_r,
+     high_r0, high_l, high_l0, far, per_cell, offset, first, after, unsure, flat_m) = (
+        limits
+    )  # fmt: skip
+    unclear = np.int32(0)
     for k in range(rows):
-        dy = (np.float64(row0 + k * step) + 0.5) * size + base_y
+        dy = (np.float64(k) * step + row0 + 0.5) * size + base_y
         wide = math.sqrt(max(limit_squared - dy * dy, 0.0))
         front_wide = math.sqrt(max(front_squared - dy * dy, 0.0))
         low = min(max(dy * low_r + low_r0, dy * low_l + low_l0), far)
@@ -217,7 +255,7 @@ def likely_spans(
         near = min(near, abs(f - np.rint(f)), abs(g - np.rint(g)))
         is_unclear = np.int32(near < unsure) | np.int32(abs(dy) < flat_m)
         doubt[k] = is_unclear
-        unclear += int(is_unclear)
+        unclear += is_unclear
         a = min(max(np.ceil(a), first), after)
         b = min(max(np.floor(b) + 1.0, a), after)
         f = min(max(np.ceil(f), a), b)
@@ -229,57 +267,77 @@ def likely_spans(
     return unclear
 
 
-@njit(cache=True, error_model="numpy")
-def lacks_band(
-    beam: Beam, place: Place, rows: int, cols: int, spans: Columns, doubt: Columns
-) -> bool:
-    """Is there no cell in the band? ``spans`` and ``doubt`` are scratch."""
-    if surely_has_band(beam, place, rows, cols):
-        return False
-    if beam.limit <= beam.front_limit:
-        return True
+@loop
+def fill_spans_in_lanes(spans: Columns, doubt: Columns, rows: int, limits: Any) -> int:
+    """The same, eight rows at a time."""
+    return lanes_of_spans(spans, doubt, rows, limits)
+
+
+_fill_spans = fill_spans_in_lanes if WITH_LANES else fill_spans_plainly
+
+
+@inlined_loop
+def rows_of_part(
+    beam: Beam, place: Place, rows: int, cols: int, part: int, parts: int
+) -> tuple[tuple[int, int, int, int], int, int]:
+    """The box of a beam from its first row of a part on; that row in the array, and how many."""
     row0, row1, col0, col1 = box_of(beam, place, rows, cols)
-    if beam.half > WIDEST_RAD:
-        for row in range(row0, row1):
-            dy = (row + 0.5) * place.size_m + place.origin_y_m - beam.y
-            for col in range(col0, col1):
-                dx = (col + 0.5) * place.size_m + place.origin_x_m - beam.x
-                if part_of_beam(beam, dx, dy) == BAND:
-                    return False
-        return True
-    if col1 <= col0:
-        return True
-    for k in range(spans_of_rows(beam, place, (row0, row1, col0, col1), np.int64(1), spans, doubt)):
+    row0 += (part - (row0 - place.row0)) % parts if parts > 1 else 0
+    count = (row1 - row0 + parts - 1) // parts if parts > 1 else row1 - row0
+    return (row0, row1, col0, col1), row0 - place.row0, count if col1 > col0 and count > 0 else 0
+
+
+@loop
+def _has_band(spans: Columns, rows: int) -> bool:
+    """Does any of these rows have a cell in the band?"""
+    for k in range(rows):  # noqa: SIM110  (numba knows no generator expressions)
         if spans[3, k] - spans[0, k] > spans[2, k] - spans[1, k]:
-            return False
+            return True
+    return False
+
+
+@loop
+def _lacks_band(
+    beam: Beam, place: Place, rows: int, cols: int, scratch: tuple[Columns, Columns]
+) -> bool:
+    """Is there no cell in the band, all rows looked at?"""
+    box = row0, row1, col0, col1 = box_of(beam, place, rows, cols)
+    if beam.half <= WIDEST_RAD:
+        if col1 <= col0:
+            return True
+        count = spans_of_rows(beam, place, box, np.int64(1), scratch[0], scratch[1])
+        return not _has_band(scratch[0], count)
+    for row in range(row0, row1):
+        dy = (row + 0.5) * place.size_m + place.origin_y_m - beam.y
+        for col in range(col0, col1):
+            dx = (col + 0.5) * place.size_m + place.origin_x_m - beam.x
+            if part_of_beam(beam, dx, dy) == BAND:
+                return False
     return True
 
 
-@njit(cache=True, error_model="numpy")
+@loop
 def point_cell(
     beam: Beam, place: Place, rows: int, cols: int, range_m: float, band_end_m: float, part: int,
-    parts: int, spans: Columns, doubt: Columns,
+    parts: int, spans: Columns, count: int, scratch: tuple[Columns, Columns],
 ) -> tuple[int, int]:  # fmt: skip
     """Row and column, in the array of the place, of the obstacle's cell where it is the band.
 
     (-1, -1) where there are cells in the band, where nothing came back, and where the obstacle's
-    cell lies outside or in a row of another part.
+    cell lies outside or in a row of another part. ``spans`` are those of the ``count`` rows of the
+    part, if the beam has spans; ``scratch`` is a ``span_scratch`` of its own.
     """
-    if band_end_m < 0.0 or not lacks_band(beam, place, rows, cols, spans, doubt):
+    if band_end_m < 0.0 or surely_has_band(beam, place, rows, cols):
         return -1, -1
+    if beam.limit > beam.front_limit:
+        has_spans = beam.half <= WIDEST_RAD
+        if has_spans and _has_band(spans, count):
+            return -1, -1
+        if not (has_spans and parts == 1) and not _lacks_band(beam, place, rows, cols, scratch):
+            return -1, -1
     x, y = beam.x + range_m * beam.cos, beam.y + range_m * beam.sin
     col = math.floor((x - place.origin_x_m) / place.size_m) - place.col0
     row = math.floor((y - place.origin_y_m) / place.size_m) - place.row0
     if not (0 <= col < cols and 0 <= row < rows and row % parts == part):
         return -1, -1
     return row, col
-
-
-@njit(cache=True, error_model="numpy", forceinline=True)
-def mark(seen: Columns, row: int, a: int, f: int, g: int, b: int, says_front: bool) -> None:
-    """Note where a row's span begins and ends, without its front where that says nothing."""
-    seen[row, a] += np.int32(1)
-    seen[row, b] -= np.int32(1)
-    if not says_front:
-        seen[row, f] -= np.int32(1)
-        seen[row, g] += np.int32(1)

@@ -9,11 +9,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.lanes import free_loop
+
 Steps = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 Floats = NDArray[np.float64]
 
 ONE = 1 << 24  # steps in log-odds of 1
@@ -40,7 +40,7 @@ def log_odds_of(cells: Steps, cols: int) -> Floats:
     return log_odds
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+@free_loop
 def add_steps(cells: Steps, added: Steps) -> None:
     """Add the steps of one reading, (rows, cols), to a window of the map; sums are clamped."""
     rows, cols = added.shape
@@ -49,15 +49,3 @@ def add_steps(cells: Steps, added: Steps) -> None:
             total = np.int32(cells[row, col] + added[row, col])
             total = total if total < HIGHEST else HIGHEST
             cells[row, col] = total if total > LOWEST else LOWEST
-
-
-@njit(cache=True, error_model="numpy")
-def mark_seen(seen: Steps, observed: Flags, part: int, parts: int) -> None:
-    """Mark the cells that a row's spans cover: ``seen`` (its rows, cols + 1) holds how many spans
-    begin in a column, less those that ended before it; row k is row part + k parts."""
-    _rows, cols = observed.shape
-    for k in range(seen.shape[0]):
-        row, open_spans = part + k * parts, np.int32(0)
-        for col in range(cols):
-            open_spans = np.int32(open_spans + seen[k, col])
-            observed[row, col] |= open_spans > 0
