@@ -83,7 +83,9 @@ class RoomWorld(World):
         self.drive = Drive(room.route_m, WHEELS.track_m)
         self.tracker = TrackerServer()
         self._noise = noise
-        self._rng = {name: np.random.default_rng([seed, i]) for i, name in enumerate(DEFAULT_SENSORS)}
+        self._rng = {
+            name: np.random.default_rng([seed, i]) for i, name in enumerate(DEFAULT_SENSORS)
+        }
         self._pose_rng = np.random.default_rng([seed, len(DEFAULT_SENSORS)])
         self._unix_at_boot_s: float | None = None
         self._next_pose_s = 0.0
