@@ -118,9 +118,7 @@ class _LiveRun:
     def _results(self, *, final: bool) -> Iterator[Artifact]:
         grids = self._grids
         assert grids is not None
-        yield from result_stages(
-            grids.sensors, grids.maps, grids.trail, self._config, final=final
-        )
+        yield from result_stages(grids.sensors, grids.maps, grids.trail, self._config, final=final)
 
     def _holds(self, grids: _Grids, readings: Readings) -> bool:
         """Whether the grid holds the readings, and the maps know the sensors of each of them."""

@@ -18,7 +18,6 @@ from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import MotionGatherer, fixed_track
 from mapping.pending import first_readings
 from mapping.placer import Placement, Placer, settled_sensors
-from mapping.placing import no_poses
 from mapping.readings import Readings
 from mapping.tracks import MotionTrack
 from recorder.clock import NS_PER_S
@@ -45,6 +44,11 @@ _NAMES: tuple[tuple[type[Columns], str], ...] = (
     (RangeColumns, "range"), (ScanColumns, "scan"), (TransformColumns, "transform"),
     (RawColumns, "rawline"),
 )  # fmt: skip
+
+
+def no_poses(found: str) -> str:
+    """What to do about a session without poses."""
+    return f"no poses in the session (found: {found}); of a robot that stood still: --pose X,Y,DEG"
 
 
 @dataclass(frozen=True, slots=True)

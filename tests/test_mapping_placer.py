@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from naive_live_placing import LivePlacer
+from naive_placing import Placed, place
+from naive_poses import Track
 
 from mapping.beams import Beam
 from mapping.config import MappingConfig, load_config
-from mapping.live_placing import LivePlacer
 from mapping.pipeline import box_of
 from mapping.placed_session import PlacedSession, Source
 from mapping.placer import Placer
-from mapping.placing import Placed, place
-from mapping.poses import Track
 from mapping.readings import Readings
 from mapping.sensor_model import stretch_of
 from mapping.tracks import Motions, MotionTrack

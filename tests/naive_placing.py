@@ -1,21 +1,23 @@
-"""Readings + poses + mounts → beams in the map frame, and why the other readings were dropped."""
+"""Readings + poses + mounts → beams in the map frame, one by one: the slow twin of the placer."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
-from types import MappingProxyType
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
+from naive_poses import FrameTree, Track
 from numpy.typing import NDArray
 
 from mapping.beams import Beam, reach_of_axes
-from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
-from mapping.fusion import check_layers
-from mapping.poses import FrameTree, Track, is_sane
+from mapping.config import MappingConfig, Sensor
+from mapping.placed_session import no_poses
+from mapping.placer import FARTHEST_TURN_RAD
 from mapping.scan_reach import ScanReach, reach_of_rangers
+from mapping.sensors import resolve_sensors
+from mapping.tracks import is_sane
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import (
@@ -23,13 +25,10 @@ from recorder.messages import (
     Message,
     Odometry,
     Pose,
-    Radiation,
     Range,
     Scan,
     Transform,
 )
-
-FARTHEST_TURN_RAD = 100.0  # no beam of a scan points so far around: its angle is no number
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +55,7 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
     if not readings:
         raise BadInput(f"no range readings in the session (found: {_found(kept)})")
     track = _track(kept, config, dropped)
-    sensors = resolve_sensors(readings, frames, config)
+    sensors = resolve_sensors(readings, frames.parent_of, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
     reach = ScanReach()
@@ -79,11 +78,6 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
         why = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
         raise BadInput(f"not one reading can be mapped: {why} (found: {_found(kept)})")
     return Placed(tuple(beams), sensors, len(readings), dict(used), dict(dropped))
-
-
-def no_poses(found: str) -> str:
-    """What to do about a session without poses."""
-    return f"no poses in the session (found: {found}); of a robot that stood still: --pose X,Y,DEG"
 
 
 def _found(messages: list[Message]) -> str:
@@ -127,49 +121,6 @@ def laid_on(odometry: Track, tracker: Track) -> Track:
             moved = [world_from_odom @ pose for pose in odometry.poses]
             return Track(odometry.t_ns, moved, odometry.max_gap_ns)
     raise BadInput("there is no time at which the tracker and dead reckoning both know the pose")
-
-
-def resolve_sensors(
-    readings: Iterable[Range | Scan],
-    frames: FrameTree,
-    config: MappingConfig,
-    known: Mapping[str, Sensor] = MappingProxyType({}),
-) -> dict[str, Sensor]:
-    """The sensors of these readings, by name, each from its first reading and the configuration.
-
-    Each has its own layer, unless there are several of one kind: these share one. Where some are
-    ``known`` already, they stay as they are, and another of a kind that has a layer joins it.
-    """
-    first: dict[str, Range | Scan] = {}
-    for reading in readings:
-        if reading.sensor not in known:
-            first.setdefault(reading.sensor, reading)
-    if not first:
-        return dict(known)
-    found = {
-        name: resolve_sensor(_reported(reading), config, mounted=frames.parent_of(name) is not None)
-        for name, reading in first.items()
-    }
-    of_kind = Counter(sensor.kind for sensor in found.values())
-    of_kind.update(sensor.layer for sensor in known.values())
-    settled = {**known} | {
-        name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
-        for name, s in found.items()
-    }
-    check_layers(settled.values())
-    return settled
-
-
-def _reported(reading: Range | Scan) -> ReportedSensor:
-    if isinstance(reading, Range):
-        return ReportedSensor(
-            reading.sensor, reading.radiation, reading.beam_width_rad,
-            reading.min_range_m, reading.max_range_m,
-        )  # fmt: skip
-    return ReportedSensor(
-        reading.sensor, Radiation.LASER, abs(reading.angle_increment_rad),
-        reading.min_range_m, reading.max_range_m,
-    )  # fmt: skip
 
 
 def place_reading(
