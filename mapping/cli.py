@@ -12,7 +12,7 @@ from recorder.cli import options
 config_option = click.option(
     "--config",
     "configs",
-    type=options.FILE,
+    type=options.INPUT,
     multiple=True,
     help="Configuration to use, a TOML file as `echogrid config` prints.",
 )
@@ -27,7 +27,7 @@ preset_option = click.option("--preset", help="chapter: the lecture chapter's ow
 plugin_option = click.option(
     "--plugin",
     "plugins",
-    type=options.FILE,
+    type=options.INPUT,
     multiple=True,
     help="A Python file with rules or models of your own; repeatable.",
 )
@@ -61,7 +61,7 @@ def config(
 
 
 @click.command(epilog="Example:  echogrid check my_rule.py")
-@click.argument("rule", type=options.FILE)
+@click.argument("rule", type=options.INPUT)
 def check(rule: Path) -> int:
     """Try the laws on a model or rule of your own.
 

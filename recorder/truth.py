@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorder.errors import BadInput
+from recorder.inputs import note_input
 
 WALLS = "truth.geojson"  # the name of the attachment
 WALLS_TYPE = "application/geo+json"
@@ -64,6 +65,7 @@ def walls_from_geojson(data: bytes) -> NDArray[np.float64]:
 
 def read_walls(file: Path) -> NDArray[np.float64]:
     """The walls in a GeoJSON file; BadInput names the file."""
+    note_input(file)
     try:
         if file.stat().st_size > MAX_BYTES:
             raise BadInput(f"too large for a room (at most {MAX_BYTES} bytes)")

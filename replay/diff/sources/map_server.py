@@ -14,6 +14,7 @@ from PIL import Image, UnidentifiedImageError
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
+from recorder.inputs import note_input
 from replay.diff.layers import (
     FREE,
     OCCUPIED,
@@ -99,7 +100,7 @@ def read_map(path: Path) -> Source:
 
 def _pixels(image: Path) -> Pixels:
     """Red, green, blue, and opacity if there is any, 0 .. 1; row 0 at the lowest y."""
-    if not image.is_file():
+    if not note_input(image).is_file():
         raise BadInput(f"{image}: the picture of the map is missing")
     try:
         with Image.open(image) as picture:
