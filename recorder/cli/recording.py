@@ -123,10 +123,13 @@ def prepared(
 
     Raises OutputExists, and BadInput for options that make no sense.
     """
+    from recorder.inputs import note_input
     from recorder.outputs import check_output
     from recorder.recording.controls import Controls, keys, signals
     from recorder.recording.run import opened_source, recorded_input
 
+    if choices["protocol"].endswith(".py"):
+        note_input(Path(choices["protocol"]))
     check_output(output, recorded_input(source), force=force)
     options = _options_of(choices, force=force)
     controls = Controls()
