@@ -161,7 +161,11 @@ def report_counters(
     if counters.failure:
         warn(counters.failure)
     elif nothing_understood(counters):
-        warn("nothing of what came was understood: another --protocol?")
+        such = f", such as {counters.refused}" if counters.refused else ""
+        other = "other --columns, or another" if counters.refused else "another"
+        warn(f"nothing of what came was understood{such}: {other} --protocol?")
+    elif counters.refused:
+        warn(f"{counters.malformed} lines were not taken, such as {counters.refused}")
     for reason in source_damage:
         warn(reason)
     return 1 if source_damage or lost_anything(counters) else 0
