@@ -6,16 +6,22 @@ heavy is imported here; each command imports what it needs when it runs.
 
 from __future__ import annotations
 
+from recorder import startup  # noqa: F401 - first: it heeds Ctrl-C while the rest is imported
+
+# isort: split
 import io
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from mapping import cli as mapping_cli
 from recorder import cli as recorder_cli
+from recorder.inputs import remembered_inputs
+from recorder.interrupts import STOPPED, code_of, heeded
 from recorder.names import printable
 from recorder.outputs import NO_ROOM
 from replay import cli as replay_cli
@@ -26,7 +32,37 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 
+class _Commands(click.Group):
+    """Leaves Ctrl-C to ``main``: click would begin a line of its own for it."""
+
+    def make_context(self, *args: Any, **keywords: Any) -> click.Context:
+        """As click does."""
+        with _passed_by_click():
+            return super().make_context(*args, **keywords)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """As click does."""
+        with _passed_by_click():
+            return super().invoke(ctx)
+
+
+class _Ended(BaseException):
+    """The command was stopped; its argument is the exit code."""
+
+
+@contextmanager
+def _passed_by_click() -> Iterator[None]:
+    try:
+        yield
+    except BaseException as error:
+        code = code_of(error)
+        if code is None:
+            raise
+        raise _Ended(code) from None
+
+
 @click.group(
+    cls=_Commands,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Begin with:  echogrid demo",
 )
@@ -52,7 +88,19 @@ def show(
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line. 0: done; 1: differs or lost something; 2: bad input, in one line."""
+    """Run the command line. 0: done; 1: differs or lost something; 2: bad input, in one line.
+
+    130: stopped by Ctrl-C, 143 by SIGTERM.
+    """
+    try:
+        with heeded(), remembered_inputs(), _passed_by_click():
+            return _run(argv)
+    except (_Ended, click.Abort) as error:
+        click.echo("echogrid: stopped", err=True)
+        return int(error.args[0]) if isinstance(error, _Ended) else STOPPED
+
+
+def _run(argv: Sequence[str] | None) -> int:
     from recorder.errors import EchogridError
 
     _take_every_name()
@@ -67,9 +115,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refused(" ".join(error.format_message().split()))
     except EchogridError as error:
         return _refused(str(error))
-    except (KeyboardInterrupt, click.Abort):
-        click.echo("echogrid: stopped", err=True)
-        return 1
     except BrokenPipeError:
         sys.stderr.close()
         return 1

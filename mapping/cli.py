@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 config_option = click.option(
     "--config",
     "configs",
-    type=options.FILE,
+    type=options.INPUT,
     multiple=True,
     help="Configuration to use, a TOML file as `echogrid config` prints.",
 )
@@ -32,7 +32,7 @@ preset_option = click.option("--preset", help="chapter: the lecture chapter's ow
 plugin_option = click.option(
     "--plugin",
     "plugins",
-    type=options.FILE,
+    type=options.INPUT,
     multiple=True,
     help="A Python file with rules or models of your own; repeatable.",
 )
@@ -78,7 +78,7 @@ def echo_unused(config: MappingConfig, whose: str = "") -> None:
 
 
 @click.command(epilog="Example:  echogrid check my_rule.py")
-@click.argument("rule", type=options.FILE)
+@click.argument("rule", type=options.INPUT)
 def check(rule: Path) -> int:
     """Try the laws on a model or rule of your own.
 

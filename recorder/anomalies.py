@@ -18,9 +18,16 @@ _ENOUGH = 20  # readings, before a channel is judged
 _SHARE = 0.02  # of readings that a few glitches may have
 _TROUBLE = (
     "bad_checksum", "malformed", "cut", "overlong", "noise", "unchecked", "gaps", "duplicates",
-    "reconnects", "device_restarts", "unknown_sensors", "wheel_leaps",
+    "reconnects", "device_restarts", "unknown_sensors", "wheel_leaps", "bad_not_kept",
     "tracker_bad_lines", "tracker_reconnects",
 )  # fmt: skip
+
+_CLOCK_NOTES = {
+    "dated_by_arrival": "the device's clock is coarser than the arrivals: {} lines are dated by "
+    "their arrival",
+    "ahead_of_arrival": "the times of {} lines run ahead of their arrival (all sent at once?): "
+    "the device's own times are taken",
+}
 
 
 def anomalies(session_stats: SessionStats, metadata: Mapping[str, object]) -> Iterator[str]:
@@ -163,6 +170,10 @@ def _counted(session_stats: SessionStats) -> Iterator[str]:
     trouble = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
     if trouble:
         yield f"the recorder counted: {trouble}"
+    for name, text in _CLOCK_NOTES.items():
+        count = _number(session_stats.counters.get(name, 0))
+        if count:
+            yield text.format(count)
 
 
 def _times(count: int) -> str:

@@ -8,6 +8,7 @@ shows the offset best. What stays hidden is the part of the delay that every lin
 
 from __future__ import annotations
 
+import itertools
 import time
 import typing
 from collections import deque
@@ -25,6 +26,10 @@ _BUCKET_NS = NS_PER_S
 _MAX_DRIFT = 0.02  # a bare RC oscillator is off by 1 %
 _MAX_STEP_BACK_MS = 250  # reports may overtake each other by this much; more is a restart
 _IN_STEP_MS = 500  # delays make the steps of both clocks differ by less than this
+_AT_ONCE_MS = 1000  # times of one arrival that are so far apart are no delay of one line
+_IN_STEP_AGAIN_MS = 2000
+_TICKS_MS = (1000, 100)  # of a clock that is coarse
+_STOOD_STILL_NS = 20 * NS_PER_MS
 _MAX_STEP_AHEAD_MS = 60_000  # a device clock cannot run ahead of the host's by more than this
 
 
@@ -65,6 +70,8 @@ class Estimate:
     t_ns: int
     restarted: bool
     in_step_ms: int
+    by_arrival: bool = False  # the device's clock is coarser than the arrivals
+    ahead: bool = False  # the device's times run ahead of the arrivals, and are taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +94,9 @@ class DeviceClock:
         self._device_ms: int | None = None  # unwrapped
         self._arrival_ns = 0
         self._drift = 0.0  # seconds by which the offset grows in a device second
+        self._held_ns: int | None = None  # the offset, while the arrivals deny the device's times
+        self._in_step_ms = 0
+        self._ticks = _Ticks()
 
     @property
     def drift(self) -> float:
@@ -95,10 +105,20 @@ class DeviceClock:
 
     def estimate(self, device_ms: int, arrival_ns: int) -> Estimate:
         """Host time of the measurement stamped ``device_ms``: never later than its arrival."""
+        elapsed_ms = (arrival_ns - self._arrival_ns) / NS_PER_MS
         restarted, in_step_ms = self._advance(device_ms, arrival_ns)
+        ahead_ms = in_step_ms - elapsed_ms
         assert self._device_ms is not None
         device_ns = self._device_ms * NS_PER_MS
         offset_ns = arrival_ns - device_ns
+        coarse = self._ticks.are_coarse(self._device_ms, arrival_ns, anew=restarted)
+        if self._held_ns is not None:
+            self._in_step_ms += in_step_ms if ahead_ms < _IN_STEP_MS else 0
+            if self._in_step_ms < _IN_STEP_AGAIN_MS:
+                return Estimate(device_ns + self._held_ns, restarted, in_step_ms, ahead=True)
+            self.forget()
+        if coarse:
+            return Estimate(arrival_ns, restarted, in_step_ms, by_arrival=True)
         self._remember(_LeastDelay(device_ns, offset_ns))
         newest_ns = self._least[-1].device_ns
         for least in reversed(self._least):
@@ -111,6 +131,29 @@ class DeviceClock:
     def forget(self) -> None:
         """The link went away: the device may come back with its clock set anew."""
         self._least.clear()
+        self._held_ns, self._in_step_ms = None, 0
+
+    def look_ahead(self, times_ms: Sequence[int], arrival_ns: int) -> None:
+        """What is estimated next, all of one arrival.
+
+        Times over a second apart that came at once (what had waited in a buffer, a file) were
+        measured as far apart as they are: the last of the first such lot has come without delay,
+        and all that follow as fast keep to that.
+        """
+        if len(times_ms) < 2 or self._held_ns is not None:
+            return
+        steps = [_signed(b - a, DEVICE_MS_BITS) for a, b in itertools.pairwise(times_ms)]
+        if min(steps) < 0 or max(steps) > _MAX_STEP_AHEAD_MS or sum(steps) < _AT_ONCE_MS:
+            return
+        before_ms, first_ms = self._device_ms, times_ms[0]
+        if before_ms is not None:
+            first_ms = before_ms + _signed(first_ms - before_ms, DEVICE_MS_BITS)
+            since_ms = first_ms + sum(steps) - before_ms
+            elapsed_ms = (arrival_ns - self._arrival_ns) / NS_PER_MS
+            if self._least and since_ms - elapsed_ms < _AT_ONCE_MS:
+                return  # the link stood still meanwhile: the least delay will do
+        offset_ns = arrival_ns - (first_ms + sum(steps)) * NS_PER_MS
+        self._held_ns = self._least[-1].offset_ns if self._least else offset_ns
 
     def _advance(self, device_ms: int, arrival_ns: int) -> tuple[bool, int]:
         """Unwrap ``device_ms``; whether the clock began anew, and how long it was in step."""
@@ -141,6 +184,31 @@ class DeviceClock:
         self._least.append(new)
         while new.device_ns - self._least[0].device_ns > _DRIFT_WINDOW_NS:
             self._least.popleft()
+
+
+class _Ticks:
+    """Whether a device's clock goes by so coarse ticks that the arrivals are the better times."""
+
+    def __init__(self) -> None:
+        self._first_ms: int | None = None
+        self._tick_ms = 0
+        self._before = (0, 0)  # the last device time, and when a line of it came first
+        self._stood_still = False
+
+    def are_coarse(self, device_ms: int, arrival_ns: int, *, anew: bool) -> bool:
+        """With one more time: all are whole ticks apart, and one lasted while lines came."""
+        if self._first_ms is None or anew:
+            self._first_ms, self._tick_ms, self._stood_still = device_ms, _TICKS_MS[0], False
+            self._before = (device_ms, arrival_ns)
+            return False
+        while self._tick_ms and (device_ms - self._first_ms) % self._tick_ms:
+            finer = [tick for tick in _TICKS_MS if tick < self._tick_ms]
+            self._tick_ms = finer[0] if finer else 0
+        if device_ms != self._before[0]:
+            self._before = (device_ms, arrival_ns)
+        elif arrival_ns - self._before[1] > _STOOD_STILL_NS:
+            self._stood_still = True
+        return self._tick_ms > 0 and self._stood_still
 
 
 def _signed(value: int, bits: int) -> int:

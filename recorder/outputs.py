@@ -26,6 +26,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from recorder.errors import BadInput, OutputExists
+from recorder.inputs import is_input
 
 if sys.platform != "win32":
     import fcntl
@@ -57,9 +58,15 @@ def check_output(output: Path, inputs: Iterable[Path] = (), *, force: bool) -> N
         return
     for each in inputs:
         if output.exists() and each.exists() and output.samefile(each):
-            raise BadInput(f"{output} is an input as well: choose another output")
+            raise _an_input(output)
+    if is_input(output):
+        raise _an_input(output)
     if not force:
         raise OutputExists(output)
+
+
+def _an_input(output: Path) -> BadInput:
+    return BadInput(f"{output} is an input as well: choose another output")
 
 
 def check_room(path: Path, more_bytes: int) -> None:
@@ -205,7 +212,9 @@ def _stem(path: Path) -> str:
 
 
 def _refuse_second_writer(path: Path) -> None:
-    """Raises BadInput where somebody writes ``path`` at this moment, or it is a device."""
+    """Raises BadInput where somebody writes ``path`` at this moment, or it must not be replaced."""
+    if is_input(path):
+        raise _an_input(path)
     if path.exists() and not path.is_file():
         raise BadInput(f"{path}: no regular file, so it is not replaced")
     stem = _stem(path)

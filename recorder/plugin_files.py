@@ -12,11 +12,13 @@ from types import ModuleType
 
 from recorder.errors import BadInput
 from recorder.foreign import check_file, reason_of
+from recorder.inputs import note_input
 
 
 def run_file(path: Path) -> ModuleType:
     """Run a Python file; raises BadInput, with the line, when it cannot be read or run."""
     name = f"echogrid_plugin_{path.stem}"
+    note_input(path)
     if path.is_dir():
         raise BadInput(f"{path}: a folder, not a Python file")
     if not path.exists():

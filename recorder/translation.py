@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 from recorder.clock import DeviceClock
@@ -32,6 +32,7 @@ from recorder.tracker import BadTrackerLine, TrackedPose, TrackerEvent
 
 _LARGEST_GAP = 1000  # lines that may go missing at once when the device's clock does not show it
 _MAX_LINES_PER_MS = 2
+_SHOWN_CHARACTERS = 60
 
 _log = logging.getLogger(__name__)
 
@@ -63,13 +64,24 @@ class RecordingCounters:
     tracker_reconnects: int = 0
     pauses: int = 0
     paused_messages: int = 0  # understood while paused, and thus not in the session
+    bad_not_kept: int = 0  # bad lines that came too fast to be kept
+    dated_by_arrival: int = 0  # lines whose device's clock is coarser than their arrival
+    ahead_of_arrival: int = 0  # lines whose own times run ahead of their arrival, and are taken
     written: int = 0  # messages in the session
     ended: str = ""  # why the recording ended
     failure: str = ""  # why the session could not be written any more, if so
+    refused: str = ""  # the first line that was malformed, and why, where that is known
 
     def numbers(self) -> dict[str, int]:
         """All counters that are numbers, by name."""
         return {name: n for name, n in asdict(self).items() if isinstance(n, int)}
+
+
+def _shown(raw: bytes) -> str:
+    """The beginning of a line as it can be shown: quoted and printable."""
+    text = raw[: 2 * _SHOWN_CHARACTERS].decode("utf-8", "replace").strip()
+    short = text if len(text) <= _SHOWN_CHARACTERS else f"{text[:_SHOWN_CHARACTERS]}..."
+    return repr("".join(c if c.isprintable() else "?" for c in short))
 
 
 def raw_line(packet: Packet, arrival_ns: int) -> RawLine:
@@ -90,6 +102,7 @@ class Translator:
         self.hello: HelloReport | None = None
         self._sensors = dict(sensors or {})
         self._dead_reckoning = DeadReckoning(wheels) if wheels is not None else None
+        self.refused = ""
         self._clock = DeviceClock()
         self._seq: int | None = None
 
@@ -98,12 +111,19 @@ class Translator:
         yield arrival_ns, raw_line(packet, arrival_ns)
         if packet.fault is not None:
             self.tally[packet.fault.value] += 1
+            if packet.why and not self.refused:
+                self.refused = f"{_shown(packet.raw)}: {_shown(packet.why.encode())[1:-1]}"
         else:
             self.tally["received"] += 1
         t_ns = self._measured_ns(packet, arrival_ns)
         self.tally["invalid_values"] += packet.invalid
         for message in self.reports(packet, t_ns):
             yield arrival_ns, message
+
+    def look_ahead(self, packets: Sequence[Packet], arrival_ns: int) -> None:
+        """What has come at once and is given to :meth:`packet` next."""
+        times_ms = [packet.device_ms for packet in packets if packet.device_ms is not None]
+        self._clock.look_ahead(times_ms, arrival_ns)
 
     def reports(self, packet: Packet, t_ns: int) -> Iterator[Message]:
         """The messages of a packet that was measured at ``t_ns``."""
@@ -136,6 +156,8 @@ class Translator:
         if packet.device_ms is not None:
             estimate = self._clock.estimate(packet.device_ms, arrival_ns)
             t_ns, in_step_ms, restarted = estimate.t_ns, estimate.in_step_ms, estimate.restarted
+            self.tally["dated_by_arrival"] += estimate.by_arrival
+            self.tally["ahead_of_arrival"] += estimate.ahead
         step = 1
         if packet.seq is not None and self._seq is not None:
             step = (packet.seq - self._seq) % SEQ_RANGE

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from recorder.errors import BadInput
 from recorder.foreign import check_file, reading, reason_of
+from recorder.inputs import note_input
 
 WALLS = "truth.geojson"  # the name of the attachment
 WALLS_TYPE = "application/geo+json"
@@ -69,6 +70,7 @@ def walls_from_geojson(data: bytes) -> NDArray[np.float64]:
 
 def read_walls(file: Path) -> NDArray[np.float64]:
     """The walls in a GeoJSON file; BadInput names the file."""
+    note_input(file)
     check_file(file, most_bytes=MAX_BYTES)
     with reading(file, "GeoJSON"):
         data = file.read_bytes()

@@ -209,7 +209,7 @@ def test_a_protocol_of_ones_own(tmp_path: Path) -> None:
         (["--protocol", "ecogrid"], "did you mean 'echogrid'"),
         (["--protocol", "csv"], "csv needs its columns named"),
         (["--columns", "ping:cm"], "for csv"),
-        (["--wheels", "1,2"], "--wheels RADIUS_M,TRACK_M,COUNTS is wanted"),
+        (["--wheels", "1,2"], "--wheels RADIUS_M,TRACK_M,COUNTS[,RANGE] is wanted"),
         (["--wheels", "1,2,0"], "above zero"),
         (["--wheels", "1,2,nan"], "is wanted"),
         (["--mount", "ping"], "--mount NAME=X_M,Y_M,DEG is wanted"),

@@ -229,11 +229,11 @@ def test_wheels_and_a_robot_that_names_itself() -> None:
     events: list[Received | LinkEvent] = [
         Received(encode(HelloReport(1, "boe", "2"), 0, 0), START_NS),
         Received(encode(WheelReport(0, 0), 1, 10), START_NS + 10 * NS_PER_MS),
-        Received(encode(WheelReport(200, 200), 2, 20), START_NS + 20 * NS_PER_MS),
+        Received(encode(WheelReport(50, 50), 2, 20), START_NS + 20 * NS_PER_MS),
     ]
     session = ListSession()
     play(events, session, wheels=WheelGeometry(ticks_per_m=100.0, track_m=0.1))
-    assert [one.odom_from_base.x_m for one in session.of(Odometry)] == [0.0, 2.0]
+    assert [one.odom_from_base.x_m for one in session.of(Odometry)] == [0.0, 0.5]
     assert session.of(Diagnostics)[-1].counters["robot"] == "boe"
 
 

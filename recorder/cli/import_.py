@@ -11,7 +11,7 @@ from recorder.cli import options
 
 
 @click.command("import", epilog="Example:  echogrid import trace21.trc -o t.mcap")
-@click.argument("files", nargs=-1, required=True, type=options.FILE)
+@click.argument("files", nargs=-1, required=True, type=options.INPUT)
 @options.output_session
 @click.option(
     "--format", "form", help="comp4807, carmen, sonar-ring or csv; guessed when left out."

@@ -12,7 +12,7 @@ from recorder.cli.progress import progress_bar
 
 
 @click.command(epilog="Example:  echogrid info run.mcap")
-@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.FILE)
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.INPUT)
 @options.quiet
 def info(files: tuple[Path, ...], quiet: bool) -> int:
     """Show what is in a session, and what is wrong with it.

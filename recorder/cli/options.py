@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from recorder.inputs import note_input
+
 
 class Number(click.FloatRange):
     """A finite number within bounds, called so in the help and in the error for "abc"."""
@@ -24,7 +26,19 @@ class Number(click.FloatRange):
         return number
 
 
+class _Input(click.Path):
+    """A file or folder that is read: never a pipe or a device, and never replaced by an output."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Note it; of ``rules.rrd#bayes``, one map of several, the file."""
+        path = Path(super().convert(value, param, ctx))
+        file, mark, _ = path.name.partition("#")
+        note_input(path.with_name(file) if mark and file and not path.exists() else path)
+        return path
+
+
 FILE = click.Path(path_type=Path)
+INPUT = _Input(path_type=Path)
 
 output_session = click.option(
     "-o", "--output", type=FILE, required=True, help="The session to write."

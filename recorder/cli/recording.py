@@ -123,10 +123,13 @@ def prepared(
 
     Raises OutputExists, and BadInput for options that make no sense.
     """
+    from recorder.inputs import note_input
     from recorder.outputs import check_output
     from recorder.recording.controls import Controls, keys, signals
     from recorder.recording.run import opened_source, recorded_input
 
+    if choices["protocol"].endswith(".py"):
+        note_input(Path(choices["protocol"]))
     check_output(output, recorded_input(source), force=force)
     options = _options_of(choices, force=force)
     controls = Controls()
@@ -158,7 +161,11 @@ def report_counters(
     if counters.failure:
         warn(counters.failure)
     elif nothing_understood(counters):
-        warn("nothing of what came was understood: another --protocol?")
+        such = f", such as {counters.refused}" if counters.refused else ""
+        other = "other --columns, or another" if counters.refused else "another"
+        warn(f"nothing of what came was understood{such}: {other} --protocol?")
+    elif counters.refused:
+        warn(f"{counters.malformed} lines were not taken, such as {counters.refused}")
     for reason in source_damage:
         warn(reason)
     return 1 if source_damage or lost_anything(counters) else 0

@@ -11,7 +11,7 @@ from recorder.cli.progress import progress_bar, warn
 
 
 @click.command(epilog="Example:  echogrid recover bad.mcap -o good.mcap")
-@click.argument("bad", type=options.FILE)
+@click.argument("bad", type=options.INPUT)
 @options.output_session
 @options.force
 @options.quiet

@@ -20,8 +20,8 @@ from recorder.protocols.rbc import RbcProtocol
 from recorder.protocols.reports import Packet
 
 __all__ = [
-    "PROTOCOLS", "EchogridProtocol", "LineProtocol", "Packet", "Protocol", "load_protocol",
-    "make_protocol",
+    "PROTOCOLS", "CsvProtocol", "EchogridProtocol", "LineProtocol", "Packet", "Protocol",
+    "load_protocol", "make_protocol", "parse_columns",
 ]  # fmt: skip
 
 PROTOCOLS: Mapping[str, type[Protocol]] = {

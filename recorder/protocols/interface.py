@@ -105,5 +105,5 @@ class LineProtocol(Protocol):
             return Packet(raw, fault=Fault.BLANK)
         try:
             return self.packet(raw)
-        except (ValueError, LookupError, TypeError, ArithmeticError):
-            return Packet(raw, fault=Fault.MALFORMED)
+        except (ValueError, LookupError, TypeError, ArithmeticError) as error:
+            return Packet(raw, fault=Fault.MALFORMED, why=str(error) or type(error).__name__)

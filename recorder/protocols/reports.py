@@ -83,7 +83,7 @@ class Packet:
     Exactly one of ``report`` and ``fault`` is set. ``seq`` and ``device_ms`` are known whenever
     they can be trusted, thus also for a sound line of an unknown kind. ``more`` are further reports
     of the same bytes, ``invalid`` counts values in them that mean that nothing was measured, and
-    ``reply`` is what the device must be sent in answer.
+    ``reply`` is what the device must be sent in answer, ``why`` what is wrong with it.
     """
 
     raw: bytes
@@ -94,3 +94,4 @@ class Packet:
     more: tuple[Report, ...] = ()
     invalid: int = 0
     reply: bytes = b""
+    why: str = ""

@@ -14,6 +14,7 @@ from typing import Generic, Self, TypeVar
 T = TypeVar("T")
 
 _QUEUE_LENGTH = 4096
+_MOST_WAITING = 1 << 18  # bytes: a flood waits in the system's buffers, and ends when it shall
 _POLL_S = 0.1  # how soon a stop is noticed when all is quiet
 _DRAIN_S = 5.0  # how long the sources may be silent before they end
 _LONGEST_DRAIN_S = 120.0  # how long they may go on after they were asked to end
@@ -64,7 +65,14 @@ _BRISK = _Brisk()
 class Inbox(Generic[T]):
     """Reads its sources from ``__enter__`` to ``__exit__``; when the first one ends, all do."""
 
-    def __init__(self, feeds: Mapping[str, Callable[[threading.Event], Iterable[T]]]) -> None:
+    def __init__(
+        self,
+        feeds: Mapping[str, Callable[[threading.Event], Iterable[T]]],
+        bytes_in: Callable[[T], int] = lambda _: 0,
+    ) -> None:
+        self._bytes_in = bytes_in
+        self._waiting_bytes = 0
+        self._room = threading.Condition()
         self._queue: queue.Queue[tuple[str, T | Exception | None]] = queue.Queue(_QUEUE_LENGTH)
         self._halt = threading.Event()  # the sources shall end
         self._left = threading.Event()  # nobody takes from the queue any more
@@ -110,6 +118,10 @@ class Inbox(Generic[T]):
                     return self._leave_alone()
                 yield "", None
                 continue
+            if event is not None and not isinstance(event, Exception):
+                with self._room:
+                    self._waiting_bytes -= self._bytes_in(event)
+                    self._room.notify_all()
             received_s = time.monotonic()
             if halted_s and received_s > halted_s + _LONGEST_DRAIN_S:
                 return self._leave_alone()
@@ -125,10 +137,17 @@ class Inbox(Generic[T]):
         """The thread of one source."""
         try:
             for event in events(self._halt):
+                self._wait_for_room(self._bytes_in(event))
                 self._put(name, event)
         except Exception as error:  # whatever it is, the recording must be closed properly
             self._put(name, error)
         self._put(name, None)
+
+    def _wait_for_room(self, more_bytes: int) -> None:
+        with self._room:
+            while self._waiting_bytes > _MOST_WAITING and not self._left.is_set():
+                self._room.wait(_POLL_S)
+            self._waiting_bytes += more_bytes
 
     def _put(self, name: str, event: T | Exception | None) -> None:
         while not self._left.is_set():

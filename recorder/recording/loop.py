@@ -28,6 +28,7 @@ from recorder.translation import RecordingCounters, Translator, raw_line
 DIAGNOSTICS_NAME = "recorder"
 
 _STATUS_PERIOD_NS = NS_PER_S
+_BAD_LINES_KEPT = 12_000  # a second: more than 115200 baud can bring
 
 _log = logging.getLogger(__name__)
 
@@ -77,7 +78,7 @@ def record(
     feeds: dict[str, Callable[[threading.Event], Iterable[_Event]]] = {"link": source.events}
     if tracker is not None:
         feeds["tracker"] = tracker.events
-    with Inbox(feeds) as inbox:
+    with Inbox(feeds, _bytes_in) as inbox:
         for name, event in inbox.events(stop):
             if event is None:
                 loop.tick(clock.now_ns())
@@ -144,6 +145,8 @@ class _Loop:
     _rate_hz: dict[str, float] = field(default_factory=dict)
     _cadences: defaultdict[str, Cadence] = field(default_factory=lambda: defaultdict(Cadence))
     _pose: Pose | None = None
+    _bad_kept: int = 0  # in the second below
+    _bad_second: int = 0
 
     def __post_init__(self) -> None:
         self._start_ns = self._reported_ns = self._now_ns
@@ -218,9 +221,22 @@ class _Loop:
             return [Packet(data, fault=Fault.MALFORMED)]
 
     def _packets(self, packets: Sequence[Packet], arrival_ns: int) -> None:
+        self._translator.look_ahead(packets, arrival_ns)
         for packet in packets:
-            self._write(self._translator.packet(packet, arrival_ns))
+            messages = self._translator.packet(packet, arrival_ns)
+            if packet.fault is not None and not self._keeps_bad(arrival_ns):
+                next(messages)  # the raw line: it is counted, and no more
+                self._translator.tally["bad_not_kept"] += 1
+            self._write(messages)
             self._send_bytes(packet.reply)
+
+    def _keeps_bad(self, arrival_ns: int) -> bool:
+        """Whether one more bad line of this second is kept: a flood is counted and dropped."""
+        second = arrival_ns // NS_PER_S
+        if second != self._bad_second:
+            self._bad_second, self._bad_kept = second, 0
+        self._bad_kept += 1
+        return self._bad_kept <= _BAD_LINES_KEPT
 
     def _greet(self) -> None:
         if self._link_up and self._send is not None:
@@ -269,7 +285,10 @@ class _Loop:
         _log.error("%s: %s", self._ended, self._failure)
 
     def _counters(self) -> RecordingCounters:
-        return RecordingCounters(**self._translator.tally, ended=self._ended, failure=self._failure)
+        return RecordingCounters(
+            **self._translator.tally, ended=self._ended, failure=self._failure,
+            refused=self._translator.refused,
+        )  # fmt: skip
 
     def _report(self) -> None:
         """Once a second: the counters into the session, and the rates of that second."""
@@ -295,6 +314,11 @@ class _Loop:
             self._counters(), dict(self._latest), self._rate_hz, self._pose,
             {name: cadence.missing for name, cadence in self._cadences.items()}, self._paused,
         )  # fmt: skip
+
+
+def _bytes_in(event: _Event) -> int:
+    """How much of the queue's room an event takes."""
+    return len(event.data) if isinstance(event, Received) else 0
 
 
 def _time_of(event: _Event) -> int:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 from recorder.clock import HostClock
 from recorder.errors import BadInput
+from recorder.inputs import note_input
 from recorder.link import Link
 from recorder.messages import RawLine
 from recorder.playback import (
@@ -90,7 +91,7 @@ def recorded_input(source: str) -> tuple[Path, ...]:
 
 
 def _replayed_file(source: str) -> Path:
-    return Path(source.removeprefix(REPLAYED))
+    return note_input(Path(source.removeprefix(REPLAYED)))
 
 
 @contextmanager

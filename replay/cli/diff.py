@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 @click.command(
     "diff", epilog="Example:  echogrid diff before.mcap after.mcap --tolerance 0.01 -o diff.png"
 )
-@click.argument("a", type=options.FILE)
-@click.argument("b", type=options.FILE)
+@click.argument("a", type=options.INPUT)
+@click.argument("b", type=options.INPUT)
 @config_options
 @plugin_option
 @click.option(

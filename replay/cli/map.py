@@ -50,14 +50,14 @@ def _points(
 
 
 @click.command("map", epilog="Example:  echogrid map run.mcap -o run.rrd --export out")
-@click.argument("sessions", nargs=-1, required=True, type=options.FILE)
+@click.argument("sessions", nargs=-1, required=True, type=options.INPUT)
 @click.option(
     "-o", "--output", help="The .rrd to write; - for none; default: beside the session, as its."
 )
 @click.option(
     "--config",
     "configs",
-    type=options.FILE,
+    type=options.INPUT,
     multiple=True,
     help="Configuration to use, a TOML file as `echogrid config` prints; several make several "
     "maps, side by side.",

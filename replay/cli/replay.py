@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
     epilog="Example:  echogrid replay run.mcap --to pty --tracker-port 5005, then in another "
     "window:  echogrid record /dev/pts/3 -o again.mcap --tracker tcp://127.0.0.1:5005"
 )
-@click.argument("session", type=options.FILE)
+@click.argument("session", type=options.INPUT)
 @click.option(
     "--to",
     "to",
@@ -61,7 +63,9 @@ def replay(
     It begins when somebody has opened the port (and connected to the tracker, where there is one).
     """
     from recorder.errors import BadInput
+    from recorder.interrupts import STOPPED
     from recorder.playback import check_speed, playback_of
+    from recorder.playback.command import record_command
     from recorder.session import read_session
 
     speed = check_speed(0.0 if fast else speed)
@@ -71,7 +75,11 @@ def replay(
     playback = playback_of(read.records, poses_in_line=poses_in_line)
     for reason in read.damage:
         click.echo(f"echogrid: {session}: {reason}", err=True)
-    played = _play(playback, to, speed, baud, tracker_port, quiet=quiet)
+    stopped = threading.Event()
+    played = _play(
+        playback, to, speed, baud, tracker_port, quiet=quiet, stopped=stopped,
+        command=functools.partial(record_command, read),
+    )  # fmt: skip
     if not quiet:
         click.echo(f"sent {played.pieces} lines, {played.sent_bytes} bytes, {played.poses} poses")
         for topic, count in playback.left_out.items():
@@ -80,23 +88,26 @@ def replay(
             )
     if played.ended:
         click.echo(f"echogrid: {played.ended}", err=True)
+    if stopped.is_set():
+        return STOPPED
     return 1 if played.ended or read.damage else 0
 
 
 def _play(
     playback: Playback, to: str, speed: float, baud: int | None, tracker_port: int | None, *,
-    quiet: bool,
+    quiet: bool, stopped: threading.Event, command: Callable[[str, str | None], str],
 ) -> PlayedCounts:  # fmt: skip
-    """Open both ends, print where they are, play with a bar."""
+    """Open both ends, print where they are and how they are recorded, play with a bar."""
     from recorder.clock import HostClock
     from recorder.errors import LinkError
     from recorder.link import DEFAULT_BAUD
+    from recorder.playback.command import poses_unsent
     from recorder.playback.outlets import open_outlet
     from recorder.playback.run import play
     from recorder.recording.controls import Controls, signals
     from recorder.simulator.tracker_server import TrackerServer
 
-    clock, controls = HostClock(), Controls()
+    clock, controls = HostClock(), Controls(stop=stopped)
     outlet = None if to == "none" else open_outlet(to, clock=clock, baud=baud or DEFAULT_BAUD)
     try:
         tracker = None if tracker_port is None else TrackerServer(tracker_port)
@@ -107,6 +118,11 @@ def _play(
         click.echo(outlet.name)
     if tracker is not None:
         click.echo(tracker.url)
+    if not quiet and outlet is not None and outlet.name:
+        tracker_url = None if tracker is None else tracker.url
+        click.echo(f"record it with:  {command(outlet.name, tracker_url)}")
+        if poses_unsent(playback, tracker_url):
+            click.echo("its poses are not sent: --tracker-port 0 sends them")
     with signals(controls), progress_bar("replay", quiet=quiet) as advance:
         return play(
             playback, outlet, tracker, speed=speed, clock=clock, stop=controls.stop,

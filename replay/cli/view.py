@@ -10,7 +10,7 @@ from recorder.cli import options
 
 
 @click.command(epilog="Example:  echogrid view run.rrd --web")
-@click.argument("file", type=options.FILE)
+@click.argument("file", type=options.INPUT)
 @click.option(
     "--web",
     is_flag=True,

@@ -16,6 +16,7 @@ from PIL import Image
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
 from recorder.foreign import check_file, read_text, reading
+from recorder.inputs import note_input
 from replay.diff.layers import (
     FREE,
     OCCUPIED,
@@ -103,7 +104,7 @@ def read_map(path: Path) -> Source:
 
 def _pixels(image: Path) -> Iterator[Pixels]:
     """Red, green, blue, and opacity if there is any, 0 .. 1; a few rows at a time, lowest first."""
-    if not image.exists():
+    if not note_input(image).exists():
         raise BadInput(f"{image}: the picture of the map is missing")
     check_file(image)
     with reading(image, "a picture"), Image.open(image) as picture:
