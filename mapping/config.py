@@ -177,8 +177,10 @@ def unused_keys(config: MappingConfig) -> list[str]:
 def unused_note(config: MappingConfig) -> str:
     """The same as a sentence; empty where all keys are used."""
     keys = unused_keys(config)
+    if not keys:
+        return ""
     verb = "is" if len(keys) == 1 else "are"
-    return f"{', '.join(keys)} {verb} set, but the chosen model or rule has no use for it" * bool(keys)
+    return f"{', '.join(keys)} {verb} set, but the chosen model or rule has no use for it"
 
 
 def _used_keys(asked: Mapping[str, Any]) -> set[str]:
