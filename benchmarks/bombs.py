@@ -27,7 +27,7 @@ from mcap.writer import CompressionType, Writer
 from PIL import Image
 
 from recorder.geometry import SE2
-from recorder.messages import Pose, Range
+from recorder.messages import Pose, Radiation, Range
 from recorder.ros_definitions import DEFINITIONS
 from recorder.session import SessionWriter
 
@@ -142,8 +142,8 @@ def _one_reading(writer: Writer) -> None:
 
 
 def _big_attachment(path: Path) -> None:
-    """2 GB that take no room on the disk."""
-    size = 2 * _GB
+    """1 GB that takes no room on the disk."""
+    size = _GB
     head = struct.pack("<QQ", 0, 0) + struct.pack("<I", 1) + b"a" + struct.pack("<I", 0)
     with path.open("wb") as file:
         file.write(_mcap()[:-8] + struct.pack("<BQ", 9, size))
@@ -157,7 +157,9 @@ def _far_apart(path: Path) -> None:
         for i in range(8):
             t_ns = i * 100_000_000
             writer.write(Pose(t_ns, SE2(96.0 * (i % 2), 96.0 * (i % 2), 0.0)), log_ns=t_ns)
-            writer.write(Range(t_ns, "ping", 0.5, 0.6, 0.02, 4.0), log_ns=t_ns)
+            writer.write(
+                Range(t_ns, "ping", 0.5, 0.6, 0.02, 4.0, Radiation.ULTRASOUND), log_ns=t_ns
+            )
 
 
 def _npz_zeros(path: Path) -> None:
@@ -166,11 +168,13 @@ def _npz_zeros(path: Path) -> None:
     np.lib.format.write_array_header_1_0(
         header, {"descr": "<f4", "fortran_order": False, "shape": (1024, 1 << 20)}
     )
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        with archive.open("values.npy", "w", force_zip64=True) as member:
-            member.write(header.getvalue())
-            for _ in range(4096):
-                member.write(bytes(1 << 20))
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive,
+        archive.open("values.npy", "w", force_zip64=True) as member,
+    ):
+        member.write(header.getvalue())
+        for _ in range(4096):
+            member.write(bytes(1 << 20))
 
 
 def _npz_claim(path: Path) -> None:
@@ -236,7 +240,7 @@ BOMBS: tuple[Bomb, ...] = (
     ("200 wide schemas", "f.mcap", _many_schemas, _SESSION),
     ("metadata 50,000 deep", "g.mcap", _deep_metadata, _SESSION),
     ("number of 5,000 digits", "h.mcap", _long_numbers, _SESSION),
-    ("attachment of 2 GB", "i.mcap", _big_attachment, _SESSION),
+    ("attachment of 1 GB", "i.mcap", _big_attachment, _SESSION),
     ("94 million cells", "j.mcap", _far_apart, _SESSION),
     ("npz of 4 GB", "k.npz", _npz_zeros, _MAP),
     ("npz claims 10^12", "l.npz", _npz_claim, _MAP),
