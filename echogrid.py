@@ -29,6 +29,7 @@ from replay import cli as replay_cli
 if TYPE_CHECKING:
     from replay.mapping_run import RunResult
 
+_LONGEST_LINE = 2000  # a name in a file may have any length
 __version__ = "0.1.0"
 
 
@@ -129,7 +130,7 @@ def _run(argv: Sequence[str] | None) -> int:
 
 def _refused(why: str) -> int:
     """One line on standard error; nothing in it that a terminal would obey."""
-    click.echo(f"echogrid: {printable(why)}", err=True)
+    click.echo(f"echogrid: {printable(why, most=_LONGEST_LINE)}", err=True)
     return 2
 
 

@@ -124,13 +124,14 @@ def tried(read: Read, path: Path) -> str:
     begin = time.monotonic()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
+        warnings.simplefilter("ignore", ResourceWarning)  # of a recording that is let go of
         try:
             read(path)
         except BadInput as error:
             if "\n" in str(error):
-                return f"refused in several lines: {error}"
+                return f"refused in several lines: {error}"[:300]
         except Exception as error:
-            return f"{type(error).__name__}: {error}"
+            return f"{type(error).__name__}: {error}"[:300]
     taken_s = time.monotonic() - begin
     return f"it takes {taken_s:.1f} s" if taken_s > LONGEST_S else ""
 

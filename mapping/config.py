@@ -9,6 +9,7 @@ that name, its usual one of that radiation.
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
@@ -51,6 +52,7 @@ PRESETS = {"chapter": CHAPTER_PRESET}
 
 _DEEPEST = 8  # sensors, a name, a key, a list in it: four are used
 _LONGEST_SHOWN = 80
+_MOST_DOTS = 100
 _LEAST, _MOST = 1e-9, 1e9  # of what a session reports of a sensor: anything else is a fault
 
 
@@ -236,7 +238,7 @@ def parse_setting(setting: str) -> dict[str, Any]:
     if not equals or not all(keys) or len(keys) > _DEEPEST:
         raise BadInput(f"--set takes section.key=value, not {_short(setting)}")
     try:
-        value: Any = tomllib.loads(f"value = {text}")["value"]
+        value: Any = _toml(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:
         value = text.strip()
     except (ValueError, RecursionError) as error:
@@ -251,9 +253,17 @@ def parse_toml(text: str, subject: object) -> dict[str, Any]:
     """A configuration as TOML. Raises BadInput, with ``subject``, for what nobody writes by hand:
     what is no TOML, nested deeper than sections and keys are, or holds numbers of over 64 bits."""
     with reading(subject, "TOML"):
-        values = tomllib.loads(text)
+        values = _toml(text)
     _check_plain(values, subject)
     return values
+
+
+def _toml(text: str) -> dict[str, Any]:
+    """What tomllib reads, which takes time with the square of a key's dots: refused beforehand."""
+    pieces = (piece for line in text.splitlines() for piece in re.split("[=,]", line))
+    if any(piece.count(".") > _MOST_DOTS for piece in pieces):
+        raise ValueError("a key of too many parts")
+    return tomllib.loads(text)
 
 
 def _check_plain(values: Any, subject: object) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import TypeVar
 
 from recorder.errors import BadInput
-from recorder.names import nearest
+from recorder.names import nearest, printable
 
 Member = TypeVar("Member")
 
@@ -17,4 +17,4 @@ def choose(table: Mapping[str, Member], name: str, what: str) -> Member:
         return table[name]
     near = nearest(name, table)
     hint = f"there are {', '.join(table)}" if near is None else f"the nearest known one is {near}"
-    raise BadInput(f"unknown {what} {name!r}; {hint}")
+    raise BadInput(f"unknown {what} {printable(repr(name), most=80)}; {hint}")

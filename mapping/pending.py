@@ -127,7 +127,8 @@ class Pending:
             return np.zeros(len(self.ranges_m))
         owner = np.repeat(np.arange(len(self)), np.diff(self.begins))
         steps = (np.arange(len(self.ranges_m)) - self.begins[:-1][owner]).astype(np.float64)
-        turned: Floats = self.angle_min_rad[owner] + self.angle_increment_rad[owner] * steps
+        with np.errstate(invalid="ignore", over="ignore"):  # of scans that are dropped
+            turned: Floats = self.angle_min_rad[owner] + self.angle_increment_rad[owner] * steps
         return np.where(self.is_scan[owner], turned, 0.0)
 
     def _ordered(self, order: Ints) -> Pending:

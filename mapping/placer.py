@@ -225,7 +225,9 @@ def _checked_scans(pending: Pending, table: SensorTable) -> tuple[Floats, NDArra
     ranges_m = pending.ranges_m.copy()
     with np.errstate(invalid="ignore"):
         usable = ranges_m >= np.maximum(table.min_m, _LEAST_M)[sensor]
-        usable &= np.abs(pending.bearings_rad()) <= FARTHEST_TURN_RAD
+        sane = np.abs(pending.angle_min_rad) <= FARTHEST_TURN_RAD
+        sane &= np.abs(pending.angle_increment_rad) <= FARTHEST_TURN_RAD
+        usable &= np.repeat(sane, np.diff(pending.begins))
         ranges_m[usable & (ranges_m >= table.max_m[sensor])] = np.inf
     return ranges_m, usable
 

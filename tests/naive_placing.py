@@ -174,7 +174,9 @@ def _checked(
         ranges = np.array(reading.ranges_m, np.float64)
         # A beam that is not usable is no evidence; one past the limit saw nothing.
         ranges[~(ranges >= max(sensor.min_range_m, 1e-9))] = np.nan
-        ranges[~(np.abs(_bearings(reading)) <= FARTHEST_TURN_RAD)] = np.nan
+        angles = abs(reading.angle_min_rad), abs(reading.angle_increment_rad)
+        if not all(angle <= FARTHEST_TURN_RAD for angle in angles):
+            return "no usable beam"
         ranges[ranges >= sensor.max_range_m] = np.inf
         if np.isnan(ranges).all():
             return "no usable beam"

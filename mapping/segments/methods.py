@@ -13,7 +13,7 @@ from mapping.segments.ordered import incremental, line_regression, split_and_mer
 from mapping.segments.stages import Observer
 from mapping.segments.unordered import expectation_maximisation, hough, ransac
 from recorder.errors import BadInput
-from recorder.names import nearest
+from recorder.names import nearest, printable
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,4 +47,6 @@ def line_method(name: str) -> LineMethod:
     if name in LINE_METHODS:
         return LINE_METHODS[name]
     near = nearest(name, LINE_METHODS, least_likeness=0.0)
-    raise BadInput(f"unknown segments.method {name!r}; the nearest known one is {near}")
+    raise BadInput(
+        f"unknown segments.method {printable(repr(name), most=80)}; the nearest known one is {near}"
+    )

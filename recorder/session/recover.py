@@ -18,6 +18,7 @@ from mcap.records import Message as McapMessage
 from mcap.writer import Writer
 
 from recorder.errors import BadInput
+from recorder.foreign import check_file
 from recorder.outputs import check_output, written_beside
 from recorder.session.format import (
     ATTACHED,
@@ -57,7 +58,7 @@ def recover(
     check_output(good, force=force)
     damage = Damage()
     try:
-        size = bad.stat().st_size
+        size = check_file(bad)
         with bad.open("rb") as source:
             scan = SessionScan(source, size, damage)
             records = _counted(scan, bad, size, progress)

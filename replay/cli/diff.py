@@ -78,7 +78,10 @@ def diff(
 
 
 def _check_output(output: Path | None, inputs: tuple[Path, ...], *, force: bool) -> None:
+    import tempfile
+
     from recorder.errors import BadInput
+    from recorder.foreign import calling
     from recorder.outputs import check_output
 
     if output is None:
@@ -86,6 +89,8 @@ def _check_output(output: Path | None, inputs: tuple[Path, ...], *, force: bool)
     if output.suffix.lower() not in (".png", ".rrd"):
         raise BadInput(f"{output}: a comparison is written as .png or .rrd")
     check_output(output, inputs, force=force)
+    with calling(output, "writing it"), tempfile.TemporaryFile(dir=output.parent):
+        pass  # before all the work
 
 
 def _print(report: Report, *, as_json: bool, quiet: bool) -> None:

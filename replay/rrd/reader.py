@@ -376,8 +376,12 @@ def _salvaged(path: Path, root: str) -> RrdRecording:
     subprocess.run(
         [*command, str(file)], env=viewer_environment(), capture_output=True, check=False
     )
-    with reading(path, _WHAT):
-        recording = RrdRecording(path, file, damaged=True, root=root)
+    try:
+        with reading(path, _WHAT):
+            recording = RrdRecording(path, file, damaged=True, root=root)
+    except BadInput:
+        folder.cleanup()
+        raise
     recording.folder = folder  # removed with the recording
     return recording
 

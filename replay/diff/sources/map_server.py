@@ -104,7 +104,9 @@ def read_map(path: Path) -> Source:
 
 def _pixels(image: Path) -> Iterator[Pixels]:
     """Red, green, blue, and opacity if there is any, 0 .. 1; a few rows at a time, lowest first."""
-    if not note_input(image).exists():
+    with reading(image, "a picture"):
+        missing = not note_input(image).exists()
+    if missing:
         raise BadInput(f"{image}: the picture of the map is missing")
     check_file(image)
     with reading(image, "a picture"), Image.open(image) as picture:
