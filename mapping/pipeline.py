@@ -28,14 +28,14 @@ from mapping.segments import (
 )
 from mapping.sensor_model import beam_box_m, make_temp_grid
 from mapping.update_rules import MapState, start
-from recorder.messages import Message
+from recorder.messages import Message, Record
 
 MARGIN_M = 0.2
 NARROW_RAD = math.radians(10.0)  # what such a beam goes through is free
 
 
 def build_maps(
-    messages: Iterable[Message],
+    messages: Iterable[Message | Record],
     config: MappingConfig,
     *,
     walls_m: NDArray[np.float64] | None = None,
@@ -59,7 +59,7 @@ def build_maps(
             yield from result_stages(placed, maps, config, final=False)
     yield from result_stages(placed, maps, config, final=True)
     yield from raw_lines(placed, config)
-    yield Finished(placed.readings, placed.used, placed.dropped)
+    yield Finished(placed.readings, placed.used, placed.dropped, placed.notes)
 
 
 def geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:

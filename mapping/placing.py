@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mapping.beams import Beam
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.poses import FrameTree, Track, is_sane
+from mapping.selection import selected
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import (
@@ -23,6 +24,7 @@ from recorder.messages import (
     Pose,
     Radiation,
     Range,
+    Record,
     Scan,
     Transform,
 )
@@ -37,14 +39,32 @@ class Placed:
     readings: int
     used: dict[str, int]
     dropped: dict[str, int]
+    notes: tuple[str, ...] = ()
 
 
-def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
+def place(session: Iterable[Message | Record], config: MappingConfig) -> Placed:
     """Pair each reading with the pose at its own time and put it into the map frame.
 
-    Raises BadInput, in one line, where the session has no readings or no poses.
+    Of records what is mapped is chosen by their topics (:mod:`mapping.selection`); single messages
+    are taken as they are. Raises BadInput, in one line, where there are no readings or no poses.
     """
-    kept = list(messages)
+    given = list(session)
+    records = [each for each in given if isinstance(each, Record)]
+    if not records:
+        return _placed([each for each in given if not isinstance(each, Record)], config)
+    kept, selection = selected(records, config)
+    if not any(isinstance(m, Range | Scan) for m in kept):
+        found = [record.message for record in records]
+        raise BadInput(f"no range readings in the session (found: {_found(found)})")
+    try:
+        placed = _placed(kept, selection.config)
+    except BadInput as error:
+        raise BadInput("; ".join([str(error), *selection.notes])) from None
+    notes = (*selection.notes, *selection.mount_notes(placed.sensors.values()))
+    return replace(placed, notes=notes)
+
+
+def _placed(kept: list[Message], config: MappingConfig) -> Placed:
     dropped: Counter[str] = Counter()
     transforms = [m for m in kept if isinstance(m, Transform)]
     frames = FrameTree.of(transforms, config.pose.max_gap_s)

@@ -230,8 +230,8 @@ def _read_ranges(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]
         RangeColumns(
             topic, rows.row, rows.log_ns, t_ns, sensor, range_m, width_rad, min_m, max_m,
             radiation, frame,
-        )  # fmt: skip
-    ]
+        )
+    ]  # fmt: skip
 
 
 def _scan_paths(layout: Layout) -> dict[str, str]:

@@ -89,7 +89,7 @@ def _named(variant: Variant, session: Session) -> Iterator[Artifact]:
     """A run whose troubles bear its name."""
     try:
         yield from build_maps(
-            session.messages(), variant.config, walls_m=true_walls(session.attachments)
+            session.records, variant.config, walls_m=true_walls(session.attachments)
         )
     except BadInput as error:
         raise BadInput(f"{variant.name}: {error}") from None

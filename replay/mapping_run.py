@@ -64,7 +64,7 @@ def map_session(
     if rrd is not None:
         check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
-    artifacts = build_maps(session.messages(), config, walls_m=true_walls(session.attachments))
+    artifacts = build_maps(session.records, config, walls_m=true_walls(session.attachments))
     first = next(artifacts)  # a session that cannot be mapped leaves no file behind
     watched = tuple(CellProbe(at_m) for at_m in probes)
     for probe in watched:

@@ -33,6 +33,8 @@ def map_and_report(
         )  # fmt: skip
     status = _report_damage(session, result.damage)
     if not quiet:
+        for note in result.finished.notes:
+            click.echo(f"echogrid: {session.name}: {note}", err=True)
         click.echo("\n".join(_map_report(result)))
         _report_unknown_sensors(config, result)
         _report_files(result.left_out, rrd, export)

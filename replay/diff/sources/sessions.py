@@ -24,7 +24,7 @@ def map_one(path: Path, config: MappingConfig, progress: Progress | None = None)
     session = read_session(path)
     results = Collector()
     total = len(session.records)
-    for number, artifact in enumerate(build_maps(session.messages(), config)):
+    for number, artifact in enumerate(build_maps(session.records, config)):
         results(artifact)
         if progress is not None and number % 200 == 0:
             progress(number, 3 * total)
@@ -48,7 +48,7 @@ def map_two(
     config = _on_one_grid(sessions, config)
     collected = [Collector(), Collector()]
     streams = [
-        _watched(build_maps(session.messages(), config), results)
+        _watched(build_maps(session.records, config), results)
         for session, results in zip(sessions, collected, strict=True)
     ]
     sides: tuple[Iterator[Readings], Iterator[Readings]] = (
@@ -113,6 +113,6 @@ def _inside(grid: GridGeometry) -> tuple[float, float]:
 
 
 def _grid_of(session: Session, config: MappingConfig) -> GridGeometry:
-    first = next(iter(build_maps(session.messages(), config)))
+    first = next(iter(build_maps(session.records, config)))
     assert isinstance(first, Started)
     return first.geometry
