@@ -51,27 +51,28 @@ def place(session: Iterable[Message | Record], config: MappingConfig) -> Placed:
     given = list(session)
     records = [each for each in given if isinstance(each, Record)]
     if not records:
-        return _placed([each for each in given if not isinstance(each, Record)], config)
+        messages = [each for each in given if not isinstance(each, Record)]
+        return _placed(messages, config, _found(messages))
+    found = _found([record.message for record in records])
+    if not any(isinstance(record.message, Range | Scan) for record in records):
+        raise BadInput(f"no range readings in the session (found: {found})")
     kept, selection = selected(records, config)
-    if not any(isinstance(m, Range | Scan) for m in kept):
-        found = [record.message for record in records]
-        raise BadInput(f"no range readings in the session (found: {_found(found)})")
     try:
-        placed = _placed(kept, selection.config)
+        placed = _placed(kept, selection.config, found)
     except BadInput as error:
         raise BadInput("; ".join([str(error), *selection.notes])) from None
     notes = (*selection.notes, *selection.mount_notes(placed.sensors.values()))
     return replace(placed, notes=notes)
 
 
-def _placed(kept: list[Message], config: MappingConfig) -> Placed:
+def _placed(kept: list[Message], config: MappingConfig, found: str) -> Placed:
     dropped: Counter[str] = Counter()
     transforms = [m for m in kept if isinstance(m, Transform)]
     frames = FrameTree.of(transforms, config.pose.max_gap_s)
     readings = [m for m in kept if isinstance(m, Range | Scan)]
     if not readings:
-        raise BadInput(f"no range readings in the session (found: {_found(kept)})")
-    track = _track(kept, config, dropped)
+        raise BadInput(f"no range readings in the session (found: {found})")
+    track = _track(kept, config, dropped, found)
     sensors = resolve_sensors(readings, frames, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
@@ -90,7 +91,7 @@ def _placed(kept: list[Message], config: MappingConfig) -> Placed:
         dropped["clock stepped back (reading kept)"] = clocks_back
     if not beams:
         why = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
-        raise BadInput(f"not one reading can be mapped: {why} (found: {_found(kept)})")
+        raise BadInput(f"not one reading can be mapped: {why} (found: {found})")
     return Placed(tuple(beams), sensors, len(readings), dict(used), dict(dropped))
 
 
@@ -99,7 +100,9 @@ def _found(messages: list[Message]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing"
 
 
-def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]) -> Track:
+def _track(
+    messages: list[Message], config: MappingConfig, dropped: Counter[str], found: str
+) -> Track:
     if config.pose.fixed is not None:
         x_m, y_m, heading_deg = config.pose.fixed
         fixed = SE2(x_m, y_m, math.radians(heading_deg))
@@ -110,7 +113,7 @@ def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]
     by_odometry = not tracked or config.pose.topic == "/odom"
     stamped = odometry if by_odometry else tracked
     if not stamped:
-        raise BadInput(f"no poses in the session (found: {_found(messages)})")
+        raise BadInput(f"no poses in the session (found: {found})")
     sane = [(t_ns, pose) for t_ns, pose in stamped if is_sane(pose)]
     if len(sane) < len(stamped):
         dropped["pose not finite or too far"] = len(stamped) - len(sane)
