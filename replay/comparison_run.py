@@ -73,7 +73,7 @@ def compare_session(
         exporter.close()
     left_out = "" if writer is None else writer.left_out
     results = {
-        name: result_of(collector, session.damage, left_out)
+        name: result_of(collector, session.damage, left_out, notes=session.notes)
         for name, collector in collectors.items()
     }
     return Comparison(results, distances)

@@ -14,6 +14,7 @@ from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
+from recorder.errors import BadInput
 from recorder.messages import Range, Scan
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
@@ -42,6 +43,7 @@ class RunResult:
     probes: tuple[CellProbe, ...] = ()
     rrd: Path | None = None
     clearest: str = ""  # the layer to look at first
+    notes: tuple[str, ...] = ()  # what was taken otherwise than it came, or assumed
 
 
 def map_session(
@@ -65,7 +67,10 @@ def map_session(
         check_output(rrd, (path, *more), force=force)
     session = read_session(path, *more)
     artifacts = build_maps(session.records, config, walls_m=true_walls(session.attachments))
-    first = next(artifacts)  # a session that cannot be mapped leaves no file behind
+    try:
+        first = next(artifacts)  # a session that cannot be mapped leaves no file behind
+    except BadInput as error:
+        raise BadInput("; ".join([str(error), *session.damage[:1]])) from None
     watched = tuple(CellProbe(at_m) for at_m in probes)
     for probe in watched:
         probe(first)  # nor does a cell outside the grid
@@ -87,7 +92,9 @@ def map_session(
     if exporter is not None:
         exporter.close()
     left_out = "" if writer is None else writer.left_out
-    return result_of(collector, session.damage, left_out, probes=watched, rrd=rrd)
+    return result_of(
+        collector, session.damage, left_out, probes=watched, rrd=rrd, notes=session.notes
+    )
 
 
 def _writer(
@@ -123,12 +130,13 @@ def result_of(
     *,
     probes: tuple[CellProbe, ...] = (),
     rrd: Path | None = None,
+    notes: tuple[str, ...] = (),
 ) -> RunResult:
     """What a run came to, once it is finished."""
     assert collector.finished is not None, "the last artifact of a run is Finished"
     return RunResult(
         tuple(collector.snapshots.values()), tuple(collector.segments), collector.finished,
-        damage, left_out, probes, rrd, collector.clearest,
+        damage, left_out, probes, rrd, collector.clearest, (*notes, *collector.finished.notes),
     )  # fmt: skip
 
 
