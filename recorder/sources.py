@@ -260,7 +260,7 @@ def _pose(
             raise BadInput(f"pose.topic: no poses on {wanted}; {_there(wanted, there)}")
         return wanted, "chosen by pose.topic"
     if OWN_POSES in poses:
-        return OWN_POSES, "called so"
+        return OWN_POSES, "taken where there is one"
     names = [str(each) for each in poses.values()]
     if len(poses) == 1:
         [only] = poses.values()
