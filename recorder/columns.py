@@ -164,8 +164,10 @@ class ScanColumns(Columns):
         ranges_m = self.ranges_m.view()
         ranges_m.flags.writeable = False
         return [
-            Scan(t_ns, self.sensor, ranges, *limits, self.frame)
-            for ranges, (t_ns, *limits) in zip(ranges_m, rows, strict=True)
+            Scan(t_ns, self.sensor, ranges, first_rad, step_rad, min_m, max_m, self.frame)
+            for ranges, (t_ns, first_rad, step_rad, min_m, max_m) in zip(
+                ranges_m, rows, strict=True
+            )
         ]
 
 

@@ -241,14 +241,16 @@ def _scan_paths(layout: Layout) -> dict[str, str]:
 
 def _read_scans(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]) -> list[Columns]:
     sensor, frame = named(topic, layout.texts["header.frame_id"])
-    angles = [_mostly_one(found[name], _plain) for name in ("angle_min", "angle_increment")]
-    limits = [_mostly_one(found[name], rounded) for name in ("range_min", "range_max")]
+    angles = ("angle_min", "angle_increment")
+    first_rad, step_rad = (_mostly_one(found[name], _plain) for name in angles)
+    min_m, max_m = (_mostly_one(found[name], rounded) for name in ("range_min", "range_max"))
     ranges_m, t_ns = _plain(found["ranges"]), _t_ns(found, "header")
     return [
         ScanColumns(
-            topic, rows.row, rows.log_ns, t_ns, sensor, ranges_m, *angles, *limits, frame
+            topic, rows.row, rows.log_ns, t_ns, sensor, ranges_m, first_rad, step_rad, min_m, max_m,
+            frame,
         )
-    ]
+    ]  # fmt: skip
 
 
 def _transform_names(layout: Layout) -> Iterable[str]:

@@ -17,7 +17,7 @@ from recorder.cli.progress import progress_bar
 def info(files: tuple[Path, ...], quiet: bool) -> int:
     """Show what is in a session, and what is wrong with it.
 
-    That is rates, gaps, what a map would be made of, odd channels and losses. A bag may be a folder.
+    That is rates, gaps, what a map would be made of, odd channels and losses.
 
     Exit code 0: all of it can be read; 1: something is lost; 2: it cannot be used.
     """

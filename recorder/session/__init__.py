@@ -26,9 +26,9 @@ __all__ = [
 def read_session(path: Path, *more: Path) -> Session:
     """Read a session as far as it goes; ``damage`` lists what was lost.
 
-    A folder is a bag as rosbag2 leaves it: its files. With ``more`` files, parts of the recording or other recordings, all are one session: see
-    :func:`~recorder.session.join.join_sessions`. Raises BadInput, in one line, where a file is no
-    session or nothing of it can be used.
+    A folder is a bag as rosbag2 leaves it: its files. With ``more`` files, parts of the recording
+    or other recordings, all are one session: see :func:`~recorder.session.join.join_sessions`.
+    Raises BadInput, in one line, where a file is no session or nothing of it can be used.
     """
     return join_sessions([_read(each) for each in session_files(path, *more)])
 

@@ -135,8 +135,10 @@ class _Span:
 
     def later(self, shift_ns: int) -> _Span:
         """The same, moved."""
-        times = (self.first_ns, self.last_ns, self.arrived_first_ns, self.arrived_last_ns)
-        return _Span(*(t_ns + shift_ns for t_ns in times), self.topics)
+        return _Span(
+            self.first_ns + shift_ns, self.last_ns + shift_ns, self.arrived_first_ns + shift_ns,
+            self.arrived_last_ns + shift_ns, self.topics,
+        )  # fmt: skip
 
     def beside(self, other: _Span) -> bool:
         """Whether the two may share a time line as they are.

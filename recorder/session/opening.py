@@ -19,7 +19,9 @@ from recorder.errors import BadInput
 from recorder.session.format import ZSTD_MAGIC
 
 _METADATA = "metadata.yaml"
-_LISTED = re.compile(r"^\s*-\s+['\"]?([^'\"#]+?\.(?:mcap|db3)(?:\.zstd)?)['\"]?\s*$", re.MULTILINE)
+_LISTED = re.compile(
+    r"^[ \t]*-[ \t]+['\"]?([^'\"#:\n]+?\.(?:mcap|db3)(?:\.zstd)?)['\"]?[ \t\r]*$", re.MULTILINE
+)
 _SQLITE, _ROS1 = b"SQLite format 3\0", b"#ROSBAG V"
 _PIECE = 1 << 20
 
@@ -40,7 +42,8 @@ def _files_in(folder: Path) -> list[Path]:
             raise BadInput(f"{folder}: {_METADATA} names {', '.join(missing)}, which is not there")
         if found:
             return found
-    found = sorted(path for kind in ("*.mcap", "*.mcap.zstd", "*.db3") for path in folder.glob(kind))
+    kinds = ("*.mcap", "*.mcap.zstd", "*.db3")
+    found = sorted(path for kind in kinds for path in folder.glob(kind))
     if not found:
         raise BadInput(f"{folder}: a folder without a bag in it (no .mcap, no .db3)")
     if not metadata.is_file() and len(found) > 1:

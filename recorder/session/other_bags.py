@@ -12,7 +12,9 @@ from mcap.writer import CompressionType, Writer
 
 from recorder.errors import BadInput
 
-_WANTED = ("Range", "LaserScan", "PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TFMessage")
+_WANTED = (
+    "Range", "LaserScan", "PoseStamped", "PoseWithCovarianceStamped", "Odometry", "TFMessage",
+)  # fmt: skip
 
 
 def copy_bag(path: Path, target: BinaryIO) -> None:
@@ -38,7 +40,7 @@ def copy_bag(path: Path, target: BinaryIO) -> None:
         raise
     except Exception as error:  # rosbags raises whatever its readers happen to
         raise BadInput(f"{path}: rosbags cannot read it: {' '.join(str(error).split())}") from None
-    writer.finish()
+    writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _copy(reader: Any, store: Any, writer: Writer) -> None:
@@ -75,7 +77,7 @@ def _copy_sqlite(path: Path, store: Any, writer: Writer) -> None:
             text, _ = store.generate_msgdef(kind, ros_version=2)
             schema = writer.register_schema(kind, "ros2msg", text.encode())
             channels[number] = writer.register_channel(name, "cdr", schema)
-        rows = database.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id")
-        for number, t_ns, data in rows:
+        query = "SELECT topic_id, timestamp, data FROM messages ORDER BY timestamp, id"
+        for number, t_ns, data in database.execute(query):
             if number in channels:
                 writer.add_message(channels[number], t_ns, data, t_ns)
