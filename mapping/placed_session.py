@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from recorder.columns import (
     Block,
     Choice,
     Columns,
-    Floats,
     OtherColumns,
     PoseColumns,
     RangeColumns,
@@ -34,9 +34,10 @@ from recorder.columns import (
     ScanColumns,
     TransformColumns,
     block_of,
+    blocks_of,
 )
 from recorder.errors import BadInput
-from recorder.messages import Record
+from recorder.messages import Message, Record, topic_of
 from recorder.sources import Survey
 
 KEPT_BYTES = 256 << 20
@@ -57,6 +58,30 @@ class Counts:
     dropped: dict[str, int]
     first_ns: int
     last_ns: int
+
+
+class HasBlocks(Protocol):
+    """A session that can be gone through by columns, again and again."""
+
+    def blocks(self, choice: Choice = ALL) -> Iterable[Block]:
+        """What of it is wanted."""
+
+
+def place_session(
+    session: HasBlocks | Iterable[Message | Record], config: MappingConfig
+) -> PlacedSession:
+    """The readings of a session, or of any messages (which are kept), in the map frame.
+
+    Raises BadInput, in one line, where the session has no readings, no poses, or none that fit.
+    """
+    if not isinstance(session, Iterable):
+        return PlacedSession(session.blocks, config)
+    records = (
+        each if isinstance(each, Record) else Record(topic_of(each), each.t_ns, each)
+        for each in session
+    )
+    kept = list(blocks_of(records))
+    return PlacedSession(lambda choice: map(choice.of, kept), config)
 
 
 class PlacedSession:
@@ -119,12 +144,6 @@ class PlacedSession:
         self._counts = self._counted(placer, times)
         if size <= self._room_bytes:
             self._placed, self._kept = placed, None
-
-    def bounds_m(self, stretch: Mapping[str, float]) -> tuple[Floats, Floats]:
-        """A box (low, high) around all beams; ``stretch``: of the ranges of each sensor."""
-        factors = [stretch[sensor.name] for sensor in self.placement.sensors]
-        boxes = [readings.bounds_m(factors) for readings in self]
-        return np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
 
     def _counted(self, placer: Placer, times: _Span) -> Counts:
         dropped = {**self._bad_poses, **placer.dropped}

@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 
 from mapping.artifacts import Artifact
 from mapping.pipeline import build_maps
+from mapping.selection import selected
 from recorder.errors import BadInput
+from recorder.messages import Range, Scan
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
 from recorder.truth import true_walls
@@ -19,7 +21,7 @@ from replay.collector import Collector
 from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, beams_of, in_step
 from replay.exports import Exporter, exporter_for
-from replay.mapping_run import RunResult, reading_count, result_of, with_progress
+from replay.mapping_run import RunResult, result_of, with_progress
 
 if TYPE_CHECKING:
     from replay.rrd.writer import RrdWriter
@@ -59,8 +61,9 @@ def compare_session(
         writer = _writer(variants, rrd, path.name)
         if writer is not None:
             stack.enter_context(writer)
-        moments = in_step(runs, session.messages())
-        total = reading_count(session)
+        order, _ = selected(session.records, variants[0].config)
+        moments = in_step(runs, order)
+        total = sum(isinstance(record.message, Range | Scan) for record in session.records)
         for moment in with_progress(moments, lambda m: bool(beams_of(m)), progress, total):
             if writer is not None:
                 writer(moment)

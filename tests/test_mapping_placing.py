@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from naive_placing import Placed, place
+from naive_poses import Track
 
 from mapping.config import load_config
 from mapping.pipeline import MARGIN_M, build_maps, geometry_of
-from mapping.placing import Placed, place
-from mapping.poses import Track
+from mapping.placed_session import place_session
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Scan, Transform
@@ -139,7 +140,7 @@ def test_the_grid_holds_every_beam_and_a_margin(
     messages = [*still(0, pose=SE2(x_m, y_m, heading_rad)), reading(0, range_m)]
     config = load_config([], [f"grid.resolution_m={resolution_m}"])
     result = place(messages, config)
-    geometry = geometry_of(result, config)
+    geometry = geometry_of(place_session(messages, config), config)
     low = np.array(geometry.origin_m)
     high = low + geometry.size_m
     origin = result.beams[0].world_from_sensor

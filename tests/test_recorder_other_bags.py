@@ -16,6 +16,7 @@ import pytest
 import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
+from naive_placing import place
 from other_bags import (
     LEFT,
     LEVEL,
@@ -35,7 +36,6 @@ from mapping.artifacts import Snapshot
 from mapping.config import load_config
 from mapping.pipeline import build_maps
 from mapping.placed_session import PlacedSession
-from mapping.placing import place
 from recorder.errors import BadInput
 from recorder.session import SessionWriter, read_session
 from recorder.session.columns import open_session

@@ -1,20 +1,21 @@
-"""Readings + poses + mounts → beams in the map frame, and why the other readings were dropped."""
+"""Readings + poses + mounts → beams in the map frame, one by one: the slow twin of the placer."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
+from naive_poses import FrameTree, Track
 from numpy.typing import NDArray
 
 from mapping.beams import Beam
-from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
-from mapping.poses import FrameTree, Track, is_sane
+from mapping.config import MappingConfig, Sensor
 from mapping.selection import selected
+from mapping.sensors import resolve_sensors
+from mapping.tracks import is_sane
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import (
@@ -22,7 +23,6 @@ from recorder.messages import (
     Message,
     Odometry,
     Pose,
-    Radiation,
     Range,
     Record,
     Scan,
@@ -73,7 +73,7 @@ def _placed(kept: list[Message], config: MappingConfig, found: str) -> Placed:
     if not readings:
         raise BadInput(f"no range readings in the session (found: {found})")
     track = _track(kept, config, dropped, found)
-    sensors = resolve_sensors(readings, frames, config)
+    sensors = resolve_sensors(readings, frames.parent_of, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
     clocks_back = 0
@@ -138,47 +138,6 @@ def laid_on(odometry: Track, tracker: Track) -> Track:
             moved = [world_from_odom @ pose for pose in odometry.poses]
             return Track(odometry.t_ns, moved, odometry.max_gap_ns)
     raise BadInput("there is no time at which the tracker and dead reckoning both know the pose")
-
-
-def resolve_sensors(
-    readings: Iterable[Range | Scan],
-    frames: FrameTree,
-    config: MappingConfig,
-    known: Mapping[str, Sensor] = MappingProxyType({}),
-) -> dict[str, Sensor]:
-    """The sensors of these readings, by name, each from its first reading and the configuration.
-
-    Each has its own layer, unless there are several of one kind: these share one. Where some are
-    ``known`` already, they stay as they are, and another of a kind that has a layer joins it.
-    """
-    first: dict[str, Range | Scan] = {}
-    for reading in readings:
-        if reading.sensor not in known:
-            first.setdefault(reading.sensor, reading)
-    if not first:
-        return dict(known)
-    found = {
-        name: resolve_sensor(_reported(reading), config, mounted=frames.parent_of(name) is not None)
-        for name, reading in first.items()
-    }
-    of_kind = Counter(sensor.kind for sensor in found.values())
-    of_kind.update(sensor.layer for sensor in known.values())
-    return {**known} | {
-        name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
-        for name, s in found.items()
-    }
-
-
-def _reported(reading: Range | Scan) -> ReportedSensor:
-    if isinstance(reading, Range):
-        return ReportedSensor(
-            reading.sensor, reading.radiation, reading.beam_width_rad,
-            reading.min_range_m, reading.max_range_m,
-        )  # fmt: skip
-    return ReportedSensor(
-        reading.sensor, Radiation.LASER, abs(reading.angle_increment_rad),
-        reading.min_range_m, reading.max_range_m,
-    )  # fmt: skip
 
 
 def place_reading(
