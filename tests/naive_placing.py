@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from naive_poses import FrameTree, Track
@@ -16,6 +16,7 @@ from mapping.config import MappingConfig, Sensor
 from mapping.placed_session import no_poses
 from mapping.placer import FARTHEST_TURN_RAD
 from mapping.scan_reach import ScanReach, reach_of_rangers
+from mapping.selection import selected
 from mapping.sensors import resolve_sensors
 from mapping.tracks import is_sane
 from recorder.errors import BadInput
@@ -26,6 +27,7 @@ from recorder.messages import (
     Odometry,
     Pose,
     Range,
+    Record,
     Scan,
     Transform,
 )
@@ -40,21 +42,40 @@ class Placed:
     readings: int
     used: dict[str, int]
     dropped: dict[str, int]
+    notes: tuple[str, ...] = ()
 
 
-def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
+def place(session: Iterable[Message | Record], config: MappingConfig) -> Placed:
     """Pair each reading with the pose at its own time and put it into the map frame.
 
-    Raises BadInput, in one line, where the session has no readings or no poses.
+    Of records what is mapped is chosen by their topics (:mod:`mapping.selection`); single messages
+    are taken as they are. Raises BadInput, in one line, where there are no readings or no poses.
     """
-    kept = list(messages)
+    given = list(session)
+    records = [each for each in given if isinstance(each, Record)]
+    if not records:
+        messages = [each for each in given if not isinstance(each, Record)]
+        return _placed(messages, config, _found(messages))
+    found = _found([record.message for record in records])
+    if not any(isinstance(record.message, Range | Scan) for record in records):
+        raise BadInput(f"no range readings in the session (found: {found})")
+    kept, selection = selected(records, config)
+    try:
+        placed = _placed(kept, selection.config, found)
+    except BadInput as error:
+        raise BadInput("; ".join([str(error), *selection.notes])) from None
+    notes = (*selection.notes, *selection.mount_notes(placed.sensors.values()))
+    return replace(placed, notes=notes)
+
+
+def _placed(kept: list[Message], config: MappingConfig, found: str) -> Placed:
     dropped: Counter[str] = Counter()
     transforms = [m for m in kept if isinstance(m, Transform)]
     frames = FrameTree.of(transforms, config.pose.max_gap_s)
     readings = [m for m in kept if isinstance(m, Range | Scan)]
     if not readings:
-        raise BadInput(f"no range readings in the session (found: {_found(kept)})")
-    track = _track(kept, config, dropped)
+        raise BadInput(f"no range readings in the session (found: {found})")
+    track = _track(kept, config, dropped, found)
     sensors = resolve_sensors(readings, frames.parent_of, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
@@ -76,7 +97,7 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
         dropped["clock stepped back (reading kept)"] = clocks_back
     if not beams:
         why = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
-        raise BadInput(f"not one reading can be mapped: {why} (found: {_found(kept)})")
+        raise BadInput(f"not one reading can be mapped: {why} (found: {found})")
     return Placed(tuple(beams), sensors, len(readings), dict(used), dict(dropped))
 
 
@@ -85,7 +106,9 @@ def _found(messages: list[Message]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing"
 
 
-def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]) -> Track:
+def _track(
+    messages: list[Message], config: MappingConfig, dropped: Counter[str], found: str
+) -> Track:
     if config.pose.fixed is not None:
         x_m, y_m, heading_deg = config.pose.fixed
         fixed = SE2(x_m, y_m, math.radians(heading_deg))
@@ -96,7 +119,7 @@ def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]
     by_odometry = not tracked or config.pose.topic == "/odom"
     stamped = odometry if by_odometry else tracked
     if not stamped:
-        raise BadInput(no_poses(_found(messages)))
+        raise BadInput(no_poses(found))
     sane = [(t_ns, pose) for t_ns, pose in stamped if is_sane(pose)]
     if len(sane) < len(stamped):
         dropped["pose not finite or too far"] = len(stamped) - len(sane)

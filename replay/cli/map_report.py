@@ -42,6 +42,8 @@ def map_and_report(
         )  # fmt: skip
     status = _report_damage(session, result.damage)
     if not quiet:
+        for note in result.notes:
+            click.echo(f"echogrid: {session.name}: {note}", err=True)
         click.echo("\n".join(_map_report(result)))
         _report_unknown_sensors(config, result)
         echo_unused(config)
@@ -64,6 +66,8 @@ def compare_and_report(
     of_all = next(iter(comparison.results.values()))  # what is lost and left out is so in each
     status = _report_damage(session, of_all.damage)
     if not quiet:
+        for note in of_all.notes:
+            click.echo(f"echogrid: {session.name}: {note}", err=True)
         click.echo("\n".join(_comparison_report(variants, comparison)))
         for each in variants:
             echo_unused(each.config, f"{each.name}: ")
