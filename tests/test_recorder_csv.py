@@ -23,6 +23,7 @@ from recorder.protocols.reports import (
     WheelReport,
 )
 from recorder.simulator.firmwares import CSV_COLUMNS, CsvFirmware
+from recorder.translation import Translator
 
 
 def rows(columns: str, *lines: bytes) -> list[Packet]:
@@ -173,3 +174,23 @@ def test_columns_are_for_csv_alone() -> None:
     assert not make_protocol("csv", "ping:cm").checked
     assert not make_protocol("rbc").checked
     assert make_protocol("echogrid").checked
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (b"50;41", "has not 3 fields"), (b"50,41cm,30x", "'30x' is no number"),
+        (b"50,41,30kg", "'30kg' is no number"), (b"50,9e9,300", "out of range"),
+        (b"50,41,300,1", "has not 3 fields"), (b"-5,41,300", "-5 ms is out of range"),
+        (b"50,41 deg,300 mm", "deg is no unit of ping"), (b"12%,41,3", "'12%' is no number"),
+    ],
+)  # fmt: skip
+def test_a_row_that_is_not_taken_says_why(line: bytes, why: str) -> None:
+    (packet,) = rows("t_ms,ping:cm,dirrs:mm", line)
+    assert packet.fault is Fault.MALFORMED
+    assert why in packet.why
+    translator = Translator()
+    for each in (packet, Packet(b"x", fault=Fault.MALFORMED, why="later")):
+        list(translator.packet(each, 1))
+    assert translator.refused.startswith(f"'{line.decode()}': ")
+    assert translator.refused.isprintable()
