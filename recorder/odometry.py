@@ -153,7 +153,7 @@ class WheelCounter:
 def _roundest(lowest: int, highest: int, nearest: int) -> int:
     """The whole number from ``lowest`` to ``highest`` with the most zeros at its end."""
     for power in range(9, 0, -1):
-        unit = 10**power
+        unit = int(10**power)
         rounded = min(max(round(nearest / unit), -(-lowest // unit)), highest // unit) * unit
         if lowest <= rounded <= highest:
             return rounded
