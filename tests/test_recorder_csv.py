@@ -194,3 +194,12 @@ def test_a_row_that_is_not_taken_says_why(line: bytes, why: str) -> None:
         list(translator.packet(each, 1))
     assert translator.refused.startswith(f"'{line.decode()}': ")
     assert translator.refused.isprintable()
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+def test_the_last_row_counts_when_it_has_its_end(end: bytes) -> None:
+    protocol = CsvProtocol(parse_columns("ping:cm,t_ms"))
+    packets = protocol.feed(b"1,1" + end + b"40,0" + end + b"41,50" + end) + protocol.close()
+    assert [packet.fault for packet in packets] == [Fault.NOISE, None, None]
+    assert b"".join(packet.raw for packet in packets) == (b"1,1%b40,0%b41,50%b" % (end, end, end))
+    assert protocol.feed(b"42,100" + end + b"4")[0].fault is Fault.NOISE
