@@ -107,13 +107,12 @@ class DeviceClock:
         """Host time of the measurement stamped ``device_ms``: never later than its arrival."""
         elapsed_ms = (arrival_ns - self._arrival_ns) / NS_PER_MS
         restarted, in_step_ms = self._advance(device_ms, arrival_ns)
-        ahead_ms = in_step_ms - elapsed_ms
         assert self._device_ms is not None
         device_ns = self._device_ms * NS_PER_MS
         offset_ns = arrival_ns - device_ns
         coarse = self._ticks.are_coarse(self._device_ms, arrival_ns, anew=restarted)
         if self._held_ns is not None:
-            self._in_step_ms += in_step_ms if ahead_ms < _IN_STEP_MS else 0
+            self._in_step_ms += in_step_ms if 2.0 * elapsed_ms > in_step_ms else 0
             if self._in_step_ms < _IN_STEP_AGAIN_MS:
                 return Estimate(device_ns + self._held_ns, restarted, in_step_ms, ahead=True)
             self.forget()

@@ -16,9 +16,9 @@ ENDING = tuple(int(getattr(_signal, name)) for name in _ENDING if hasattr(_signa
 
 def end_now(number: int, _frame: object = None) -> None:
     """End at once, with one line and without a trace of unfinished files."""
-    outputs = sys.modules.get("recorder.outputs")
-    if outputs is not None and hasattr(outputs, "remove_unfinished"):
-        outputs.remove_unfinished()
+    remove = getattr(sys.modules.get("recorder.outputs"), "remove_unfinished", None)
+    if remove is not None:
+        remove()
     os.write(2, b"echogrid: stopped\n")
     os._exit(128 + number)
 

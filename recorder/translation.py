@@ -120,6 +120,12 @@ class Translator:
         for message in self.reports(packet, t_ns):
             yield arrival_ns, message
 
+    def count_bad(self, packet: Packet) -> None:
+        """A bad line that is not kept, for too many come."""
+        if packet.fault is not None:
+            self.tally[packet.fault.value] += 1
+        self.tally["bad_not_kept"] += 1
+
     def look_ahead(self, packets: Sequence[Packet], arrival_ns: int) -> None:
         """What has come at once and is given to :meth:`packet` next."""
         times_ms = [packet.device_ms for packet in packets if packet.device_ms is not None]

@@ -150,3 +150,62 @@ def test_hours_of_reports_take_no_more_memory() -> None:
     for i in range(20_000):
         clock.estimate(i * 500, UNIX_NS + i * 500 * NS_PER_MS)
     assert len(clock._least) < 65
+
+
+@given(
+    tick_ms=st.sampled_from([100, 1000]),
+    period_ms=st.integers(25, 90),
+    boot_ms=st.integers(0, 2**32 - 1),
+    seed=st.integers(0, 1000),
+)
+@settings(deadline=None, max_examples=60)
+def test_a_clock_that_is_coarser_than_the_arrivals_dates_nothing(
+    tick_ms: int, period_ms: int, boot_ms: int, seed: int
+) -> None:
+    """60 clocks in whole seconds or tenths: right to 20 ms, where their own times are half off."""
+    rng, clock = np.random.default_rng(seed), DeviceClock()
+    for i in range(200):
+        true_ms = i * period_ms
+        ticked_ms = (boot_ms + true_ms // tick_ms * tick_ms) % 2**32
+        arrival_ns = UNIX_NS + round((true_ms + rng.uniform(2.0, 8.0)) * NS_PER_MS)
+        estimate = clock.estimate(ticked_ms, arrival_ns)
+        assert estimate.by_arrival == (i > 0)
+        assert abs(estimate.t_ns - UNIX_NS - true_ms * NS_PER_MS) < 20 * NS_PER_MS
+
+
+@given(
+    steps_ms=st.lists(st.integers(1, 400), min_size=30, max_size=120),
+    lot=st.integers(10, 200),
+    boot_ms=st.integers(0, 2**32 - 1),
+)
+@settings(deadline=None)
+def test_text_that_comes_all_at_once_keeps_its_own_times(
+    steps_ms: list[int], lot: int, boot_ms: int
+) -> None:
+    times_ms = np.cumsum([0, *steps_ms])
+    clock, dated = DeviceClock(), list[int]()
+    for begin in range(0, len(times_ms), lot):
+        arrival_ns = UNIX_NS + begin * 1000  # a file through a socket: microseconds
+        part = [int(boot_ms + t) % 2**32 for t in times_ms[begin : begin + lot]]
+        clock.look_ahead(part, arrival_ns)
+        found = [clock.estimate(device_ms, arrival_ns) for device_ms in part]
+        if begin == 0 and times_ms[min(lot, len(times_ms)) - 1] < 1000:
+            return  # no more than a delay of one line
+        assert all(estimate.ahead for estimate in found)
+        dated += [estimate.t_ns for estimate in found]
+    own_ns = (times_ms - times_ms[0]) * NS_PER_MS
+    assert [t_ns - dated[0] for t_ns in dated] == own_ns.tolist()
+
+
+def test_what_had_waited_in_a_buffer_is_dated_back_and_then_arrivals_count() -> None:
+    clock = DeviceClock()
+    waited = list(range(0, 2050, 50))
+    clock.look_ahead(waited, UNIX_NS)
+    found = [clock.estimate(device_ms, UNIX_NS).t_ns for device_ms in waited]
+    assert found == [UNIX_NS - (2000 - device_ms) * NS_PER_MS for device_ms in waited]
+    for device_ms in range(2050, 12_000, 50):
+        arrival_ns = UNIX_NS + (device_ms - 2000 + 3) * NS_PER_MS
+        clock.look_ahead([device_ms], arrival_ns)
+        estimate = clock.estimate(device_ms, arrival_ns)
+        assert abs(estimate.t_ns - arrival_ns) <= 3 * NS_PER_MS
+    assert not estimate.ahead

@@ -23,6 +23,7 @@ from recorder.protocols.reports import (
     WheelReport,
 )
 from recorder.simulator.firmwares import CSV_COLUMNS, CsvFirmware
+from recorder.translation import Translator
 
 
 def rows(columns: str, *lines: bytes) -> list[Packet]:
@@ -173,3 +174,32 @@ def test_columns_are_for_csv_alone() -> None:
     assert not make_protocol("csv", "ping:cm").checked
     assert not make_protocol("rbc").checked
     assert make_protocol("echogrid").checked
+
+
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        (b"50;41", "has not 3 fields"), (b"50,41cm,30x", "'30x' is no number"),
+        (b"50,41,30kg", "'30kg' is no number"), (b"50,9e9,300", "out of range"),
+        (b"50,41,300,1", "has not 3 fields"), (b"-5,41,300", "-5 ms is out of range"),
+        (b"50,41 deg,300 mm", "deg is no unit of ping"), (b"12%,41,3", "'12%' is no number"),
+    ],
+)  # fmt: skip
+def test_a_row_that_is_not_taken_says_why(line: bytes, why: str) -> None:
+    (packet,) = rows("t_ms,ping:cm,dirrs:mm", line)
+    assert packet.fault is Fault.MALFORMED
+    assert why in packet.why
+    translator = Translator()
+    for each in (packet, Packet(b"x", fault=Fault.MALFORMED, why="later")):
+        list(translator.packet(each, 1))
+    assert translator.refused.startswith(f"'{line.decode()}': ")
+    assert translator.refused.isprintable()
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+def test_the_last_row_counts_when_it_has_its_end(end: bytes) -> None:
+    protocol = CsvProtocol(parse_columns("ping:cm,t_ms"))
+    packets = protocol.feed(b"1,1" + end + b"40,0" + end + b"41,50" + end) + protocol.close()
+    assert [packet.fault for packet in packets] == [Fault.NOISE, None, None]
+    assert b"".join(packet.raw for packet in packets) == (b"1,1%b40,0%b41,50%b" % (end, end, end))
+    assert protocol.feed(b"42,100" + end + b"4")[0].fault is Fault.NOISE

@@ -429,3 +429,20 @@ def test_the_simulated_robot_is_recorded_like_any_other() -> None:
     assert len(session.of(Odometry)) > 10
     for log_ns, message in session.written:
         assert 0 <= log_ns - message.t_ns < NS_PER_S
+
+
+@pytest.mark.parametrize("flood", [b"\n", b"$", b"noise", b"\xff\x00", b"$RNG,1\n", b"\r\n"])
+def test_a_flood_of_what_is_no_line_is_counted_and_not_all_kept(flood: bytes) -> None:
+    data = (flood * 4096)[:4096]
+    events: list[Received | LinkEvent] = [
+        Received(data, START_NS + i * NS_PER_MS) for i in range(100)
+    ]
+    good = ping_line(0, 1)
+    events.append(Received(b"\n" + good, START_NS + 200 * NS_PER_MS))
+    session = ListSession()
+    counters = play(events, session)
+    bad = counters.noise + counters.cut + counters.malformed + counters.overlong
+    kept = len(session.of(RawLine)) - 2  # the good line, and our own cut in the end
+    assert bad - counters.bad_not_kept == pytest.approx(kept, abs=2)
+    assert kept <= 12_001
+    assert len(session.of(Range)) == 1

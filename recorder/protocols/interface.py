@@ -89,8 +89,11 @@ class LineProtocol(Protocol):
         return packets
 
     def close(self) -> list[Packet]:
-        """The link went away: what waits is a cut line."""
+        """The link went away: what waits is a cut line, unless it has its end."""
         raw, self._pending = self._pending, b""
+        if self._in_step and raw.endswith(self._ends):  # a CR that no LF followed
+            packet, self._in_step = self._take(raw), False
+            return [packet]
         fault = Fault.CUT if self._in_step else Fault.NOISE
         self._in_step = False
         return [Packet(raw, fault=fault)] if raw else []

@@ -14,7 +14,7 @@ from typing import Generic, Self, TypeVar
 T = TypeVar("T")
 
 _QUEUE_LENGTH = 4096
-_MOST_WAITING = 1 << 18  # bytes: a flood waits in the system's buffers, and ends when it shall
+_MOST_WAITING = 1 << 17  # bytes: a flood waits in the system's buffers, and ends when it shall
 _POLL_S = 0.1  # how soon a stop is noticed when all is quiet
 _DRAIN_S = 5.0  # how long the sources may be silent before they end
 _LONGEST_DRAIN_S = 120.0  # how long they may go on after they were asked to end

@@ -223,11 +223,11 @@ class _Loop:
     def _packets(self, packets: Sequence[Packet], arrival_ns: int) -> None:
         self._translator.look_ahead(packets, arrival_ns)
         for packet in packets:
-            messages = self._translator.packet(packet, arrival_ns)
-            if packet.fault is not None and not self._keeps_bad(arrival_ns):
-                next(messages)  # the raw line: it is counted, and no more
-                self._translator.tally["bad_not_kept"] += 1
-            self._write(messages)
+            nothing_in_it = packet.fault is not None and packet.seq is None
+            if nothing_in_it and not self._keeps_bad(arrival_ns):
+                self._translator.count_bad(packet)
+                continue
+            self._write(self._translator.packet(packet, arrival_ns))
             self._send_bytes(packet.reply)
 
     def _keeps_bad(self, arrival_ns: int) -> bool:
