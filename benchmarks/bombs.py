@@ -24,7 +24,6 @@ from pathlib import Path
 import numpy as np
 import zstandard
 from mcap.writer import CompressionType, Writer
-from PIL import Image
 
 from recorder.geometry import SE2
 from recorder.messages import Pose, Radiation, Range
@@ -156,10 +155,10 @@ def _far_apart(path: Path) -> None:
     with SessionWriter(path) as writer:
         for i in range(8):
             t_ns = i * 100_000_000
-            writer.write(Pose(t_ns, SE2(96.0 * (i % 2), 96.0 * (i % 2), 0.0)), log_ns=t_ns)
-            writer.write(
-                Range(t_ns, "ping", 0.5, 0.6, 0.02, 4.0, Radiation.ULTRASOUND), log_ns=t_ns
-            )
+            pose = SE2(96.0 * (i % 2), 96.0 * (i % 2), 0.0)
+            reading = Range(t_ns, "ping", 0.5, 0.6, 0.02, 4.0, Radiation.ULTRASOUND)
+            writer.write(Pose(t_ns, pose), log_ns=t_ns)
+            writer.write(reading, log_ns=t_ns)
 
 
 def _npz_zeros(path: Path) -> None:
@@ -203,8 +202,16 @@ def _yaml_aliases(path: Path) -> None:
 
 def _picture(path: Path) -> None:
     """A picture of 900 million pixels in a few kB."""
-    Image.MAX_IMAGE_PIXELS = None
-    Image.new("1", (30_000, 30_000)).save(path.with_name("x.png"))
+    packer, side = zlib.compressobj(), 30_000
+    data = b"".join(packer.compress(bytes(1 + side // 8)) for _ in range(side)) + packer.flush()
+    head = struct.pack(">IIBBBBB", side, side, 1, 0, 0, 0, 0)
+    parts = [(b"IHDR", head), (b"IDAT", data), (b"IEND", b"")]
+    pieces = [
+        struct.pack(">I", len(content)) + name + content
+        + struct.pack(">I", zlib.crc32(name + content))
+        for name, content in parts
+    ]  # fmt: skip
+    path.with_name("x.png").write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(pieces))
     path.write_text(_YAML)
 
 

@@ -6,17 +6,23 @@ configuration with every hostile value, every reader with damaged files, every c
 
 from __future__ import annotations
 
+import dataclasses
 import os
 import signal
 import warnings
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import lz4.frame  # type: ignore[import-untyped]
 import numpy as np
 import pytest
+import zstandard
+from mcap.records import Chunk
 from pydantic import BaseModel
 
+from benchmarks.bombs import BOMBS, Bomb
 from benchmarks.fuzz import Reader, failures, make_readers
 from echogrid import main
 from mapping.config import MappingConfig, load_config, validate
@@ -29,6 +35,7 @@ from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Scan
 from recorder.names import printable, unusable_name
 from recorder.session import SessionWriter
+from recorder.session.unpacking import MOST_FILE_BYTES, UnpackingBudget
 
 S = 1_000_000_000
 LONGEST_S = 60
@@ -419,6 +426,48 @@ def test_a_scan_without_angles_is_dropped_and_counted(bad: float, what: str) -> 
 
 
 # ---- bounds
+
+HEAVY_TO_MAKE = ("npz of 4 GB", "attachment of 1 GB", "900 million pixels", "chunk of 4 GB")
+LIGHT_BOMBS = [bomb for bomb in BOMBS if bomb[0] not in HEAVY_TO_MAKE]
+
+
+@pytest.mark.parametrize("bomb", LIGHT_BOMBS, ids=lambda bomb: bomb[0])
+def test_a_bomb_gets_one_line(
+    bomb: Bomb, good: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """What they cost is measured by ``python -m benchmarks.bombs``."""
+    _, file, make, commands = bomb
+    make(tmp_path / file)
+    for command in commands:
+        parts = [p.format(bad=tmp_path / file, good=good / "s.mcap") for p in command.split()]
+        ends_well([*parts], capfd, (0, 1, 2) if parts[0] == "info" else (2,))
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4", ""])
+@pytest.mark.parametrize("claimed", [0, 999, 1001, 1 << 40])
+def test_a_chunk_gives_what_it_states_or_nothing(compression: str, claimed: int) -> None:
+    data = bytes(1000)
+    packed = {"zstd": zstandard.compress, "lz4": lz4.frame.compress, "": bytes}[compression](data)
+    chunk = Chunk(compression=compression, data=packed, message_end_time=0, message_start_time=0,
+                  uncompressed_crc=zlib.crc32(data), uncompressed_size=1000)  # fmt: skip
+    budget = UnpackingBudget(0)
+    assert budget.unpacked(chunk) == data
+    left = budget.left
+    with pytest.raises(ValueError, match=r"size|would unpack"):
+        budget.unpacked(dataclasses.replace(chunk, uncompressed_size=claimed))
+    assert left - 1_000_000 <= budget.left <= left
+
+
+def test_a_file_unpacks_to_so_much_only() -> None:
+    data = bytes(1 << 20)
+    chunk = Chunk(compression="", data=data, message_end_time=0, message_start_time=0,
+                  uncompressed_crc=0, uncompressed_size=len(data))  # fmt: skip
+    budget, taken = UnpackingBudget(1000), 0
+    while budget.left >= len(data):
+        taken += len(budget.unpacked(chunk))
+    assert MOST_FILE_BYTES - len(data) < taken <= MOST_FILE_BYTES + 100_000
+    with pytest.raises(ValueError, match="too much for this file"):
+        budget.unpacked(chunk)
 
 
 @pytest.mark.parametrize("size_m", [97.0, 300.0, 1e6])
