@@ -22,6 +22,7 @@ sys.path.insert(0, str(ROOT))
 
 from benchmarks.made_up_sessions import write_session  # noqa: E402
 from mapping.config import load_config  # noqa: E402
+from mapping.pipeline import box_of  # noqa: E402
 from mapping.placed_session import PlacedSession  # noqa: E402
 from mapping.placing import place  # noqa: E402
 from recorder.session import read_session  # noqa: E402
@@ -71,7 +72,7 @@ def go_through(path: Path) -> None:
     start = time.process_time()
     placed = PlacedSession(OpenSession(path).blocks, CONFIG)
     known_s = time.process_time() - start
-    placed.bounds_m(dict.fromkeys(placed.sensors, 1.1))
+    box_of(placed)
     bounds_s = time.process_time() - start - known_s
     readings = sum(len(each) for each in placed)
     mapped_s = time.process_time() - start - known_s - bounds_s

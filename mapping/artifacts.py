@@ -7,7 +7,7 @@ comparison each take what they need. Arrays are read-only. One artifact is one *
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,6 +181,7 @@ class Started:
     walls_m: NDArray[np.float64]  # (K, 2, 2): K walls, two ends, x and y; K = 0 when unknown
     first_t_ns: int
     last_t_ns: int
+    beam_widths_rad: Mapping[str, float] = field(default_factory=dict)  # by layer
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from mapping.artifacts import Classes
 from mapping.config import FusionSection, Sensor
 from mapping.grid import Layer, read_only
 from mapping.names import choose
+from mapping.numbers import expit
 from mapping.update_rules import log_odds
 from recorder.errors import BadInput
 

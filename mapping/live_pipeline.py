@@ -9,22 +9,36 @@ maps are at each moment those that a finished session would have given.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished
-from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.grid import GridGeometry, geometry_for
-from mapping.live_placing import LivePlacer
-from mapping.pipeline import empty_maps, geometry_of, raw_lines, result_stages, started_run
-from mapping.sensor_model import beam_box_m, make_temp_grid
-from mapping.update_rules import MapState
+from mapping.layer_map import LayerMap, empty_maps
+from mapping.parameters import Sensor
+from mapping.pipeline import (
+    Trail,
+    box_of,
+    geometry_of,
+    merge,
+    raw_lines,
+    result_stages,
+    started_run,
+    stretches,
+)
+from mapping.placed_session import Counts
+from mapping.placer import Placer
+from mapping.readings import Readings
+from recorder.columns import block_of
 from recorder.errors import BadInput
-from recorder.messages import Message
+from recorder.messages import Message, Record, topic_of
 
 ROOM_TO_GROW_M = 1.0  # at least so far past what is known, so that the grid grows seldom
+LATE = 100  # messages that wait at least when a stream is late: they are taken together
 
 
 def build_live_maps(
@@ -36,102 +50,112 @@ def build_live_maps(
 ) -> Iterator[Artifact]:
     """Everything that comes about while messages arrive, until they end; then the results.
 
-    ``is_late()``: more messages wait than can be followed: readings are then merged
-    without their intermediate artifacts, whose place a snapshot takes once the stream has caught
-    up. Raises BadInput, at the end, when not one reading could be mapped.
+    ``is_late()``: more messages wait than can be followed, :data:`LATE` at least: readings are then
+    merged without their intermediate artifacts, whose place a snapshot takes once the stream has
+    caught up. Raises BadInput, at the end, when not one reading could be mapped.
     """
-    run = _LiveRun(config, walls_m)
-    for message in messages:
-        yield from run.take(run.placer.take(message), quiet=is_late())
+    run, rest, row = _LiveRun(config, walls_m), iter(messages), 0
+    for message in rest:
+        late = is_late()
+        together = [message, *(islice(rest, LATE - 1) if late else ())]
+        records = (Record(topic_of(each), each.t_ns, each) for each in together)
+        yield from run.take(run.placer.take(block_of(records, row)), quiet=late)
+        row += len(together)
     yield from run.take(run.placer.finish(), quiet=False)
     yield from run.finish()
 
 
+@dataclass(frozen=True, slots=True)
+class _Grids:
+    """The maps on one grid; they grow with the readings of these sensors."""
+
+    sensors: tuple[Sensor, ...]
+    geometry: GridGeometry
+    maps: dict[str, LayerMap]
+    trail: Trail
+
+
 class _LiveRun:
-    """The grids of a stream, and the beams that made them."""
+    """The grids of a stream, and the readings that made them."""
 
     def __init__(self, config: MappingConfig, walls_m: NDArray[np.float64] | None) -> None:
-        self.placer = LivePlacer(config)
+        self.placer = Placer(config)
         self._config = config
         self._walls_m = walls_m
-        self._beams: list[Beam] = []
-        self._geometry: GridGeometry | None = None
-        self._maps: dict[str, MapState] = {}
+        self._readings: list[Readings] = []
+        self._grids: _Grids | None = None
         self._skipped = False
 
-    def take(self, beams: list[Beam], *, quiet: bool) -> Iterator[Artifact]:
-        """Merge beams; in a quiet moment nothing of them is shown."""
-        if not beams:
+    def take(self, readings: Readings, *, quiet: bool) -> Iterator[Artifact]:
+        """Merge readings; in a quiet moment nothing of them is shown."""
+        if not len(readings):
             return
-        if not self._holds(beams):
-            self._beams.extend(beams)
+        self._readings.append(readings)
+        grids = self._grids
+        if grids is None or not self._holds(grids, readings):
             yield from self._begin_anew()
             return
-        for beam in beams:
-            self._beams.append(beam)
-            yield from self._merge(beam, quiet=quiet)
+        every = self._config.rerun.stages_every
+        for stretch in stretches([readings], every):
+            if self._skipped and not quiet:
+                yield from self._results(final=False)
+            self._skipped = quiet
+            yield from merge(stretch, grids.maps, watched=not quiet)
+            grids.trail.take(stretch)
+            end = stretch.first_number + len(stretch)
+            if every and end % every == 0 and not quiet:
+                yield from self._results(final=False)
 
     def finish(self) -> Iterator[Artifact]:
         """The results of all that was merged."""
-        if not self._beams:
+        if not self._readings:
             why = ", ".join(f"{n} {reason}" for reason, n in self.placer.dropped.items())
             raise BadInput(f"not one reading can be mapped: {why or 'there were none'}")
-        placed = self.placer.placed(tuple(self._beams))
-        yield from result_stages(placed, self._maps, self._config, final=True)
-        yield from raw_lines(placed, self._config)
-        yield Finished(placed.readings, placed.used, placed.dropped)
+        yield from self._results(final=True)
+        yield from raw_lines(self._readings, self._config)
+        yield Finished(self.placer.readings, dict(self.placer.used), self.placer.dropped)
 
-    def _merge(self, beam: Beam, *, quiet: bool) -> Iterator[Artifact]:
-        assert self._geometry is not None
-        temp = make_temp_grid(beam, self.placer.sensors[beam.sensor], self._geometry)
-        merged = self._maps[beam.layer].merge(temp)
-        if quiet:
-            self._skipped = True
-            return
-        if self._skipped:
-            self._skipped = False
-            yield from self._results()
-        yield from (beam, temp, merged)
-        every = self._config.rerun.stages_every
-        if every and (beam.number + 1) % every == 0:
-            yield from self._results()
+    def _results(self, *, final: bool) -> Iterator[Artifact]:
+        grids = self._grids
+        assert grids is not None
+        yield from result_stages(grids.sensors, grids.maps, grids.trail, self._config, final=final)
 
-    def _results(self) -> Iterator[Artifact]:
-        placed = self.placer.placed(tuple(self._beams))
-        yield from result_stages(placed, self._maps, self._config, final=False)
-
-    def _holds(self, beams: list[Beam]) -> bool:
-        """Whether the grid holds the beams, and has a layer for each of them."""
-        if self._geometry is None or any(beam.layer not in self._maps for beam in beams):
+    def _holds(self, grids: _Grids, readings: Readings) -> bool:
+        """Whether the grid holds the readings, and the maps know the sensors of each of them."""
+        if readings.sensors != grids.sensors:
             return False
         if self._config.grid.origin_m is not None or self._config.grid.size_m is not None:
             return True
-        low, high = self._box_m(beams)
-        origin = np.array(self._geometry.origin_m)
-        return bool((low >= origin).all() and (high <= origin + self._geometry.size_m).all())
+        low, high = box_of([readings])
+        origin = np.array(grids.geometry.origin_m)
+        return bool((low >= origin).all() and (high <= origin + grids.geometry.size_m).all())
 
     def _begin_anew(self) -> Iterator[Artifact]:
-        """A grid for all beams so far with room to grow, and they merged into it."""
-        placed = self.placer.placed(tuple(self._beams))
-        self._geometry = self._roomy(placed.beams)
-        self._maps = empty_maps(placed.sensors.values(), self._geometry)
-        yield started_run(placed, self._geometry, self._walls_m)
-        for beam in placed.beams:
-            temp = make_temp_grid(beam, placed.sensors[beam.sensor], self._geometry)
-            self._maps[beam.layer].merge(temp)
-        yield from result_stages(placed, self._maps, self._config, final=False)
+        """A grid for all readings so far with room to grow, and they merged into it."""
+        sensors, geometry = self._readings[-1].sensors, self._roomy()
+        grids = _Grids(sensors, geometry, empty_maps(sensors, geometry), Trail(geometry))
+        self._grids = grids
+        yield started_run(sensors, self._counts(), geometry, self._walls_m)
+        for readings in stretches(self._readings, 0):
+            yield from merge(readings, grids.maps, watched=False)
+            grids.trail.take(readings)
+        self._skipped = False
+        yield from self._results(final=False)
 
-    def _roomy(self, beams: tuple[Beam, ...]) -> GridGeometry:
+    def _counts(self) -> Counts:
+        times = np.concatenate([readings.t_ns for readings in self._readings])
+        placer = self.placer
+        return Counts(
+            placer.readings, dict(placer.used), placer.dropped, int(times.min()), int(times.max())
+        )
+
+    def _roomy(self) -> GridGeometry:
         section = self._config.grid
         if section.origin_m is not None or section.size_m is not None:
-            return geometry_of(self.placer.placed(beams), self._config)
-        low, high = self._box_m(beams)
+            return geometry_of(self._readings, self._config)
+        low, high = box_of(self._readings)
         return geometry_for(
             low, high, resolution_m=section.resolution_m,
             margin_m=max(ROOM_TO_GROW_M, float((high - low).max()) / 4.0),
             max_cells=section.max_cells,
         )  # fmt: skip
-
-    def _box_m(self, beams: Iterable[Beam]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        boxes = [beam_box_m(beam, self.placer.sensors[beam.sensor]) for beam in beams]
-        return np.min([b[0] for b in boxes], axis=0), np.max([b[1] for b in boxes], axis=0)

@@ -1,4 +1,4 @@
-"""The method on one page: messages → beams → temp grids → maps → fusion → borders → lines.
+"""The method on one page: messages → readings → maps → fusion → borders → lines.
 
 A generator of artifacts: whoever shows, exports or compares takes what it yields.
 """
@@ -6,70 +6,115 @@ A generator of artifacts: whoever shows, exports or compares takes what it yield
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished, RawPoints, Snapshot, Started
-from mapping.beams import Beam
 from mapping.borders import find_borders, threshold_layer, tracer_steps
 from mapping.config import MappingConfig
 from mapping.fusion import FUSED, classify, fuse
 from mapping.grid import GridGeometry, Layer, check_size, geometry_for
+from mapping.layer_map import LayerMap, empty_maps
 from mapping.parameters import Sensor
-from mapping.placing import Placed, place
+from mapping.placed_session import Counts, HasBlocks, PlacedSession, place_session
+from mapping.readings import Readings, raw_points
 from mapping.segments import (
     Stage,
     line_stages,
     of_lidar_only,
     reachable_cells,
+    scans_of,
     segments_from_grid,
     segments_of_ranger,
     segments_of_scans,
 )
-from mapping.sensor_model import beam_box_m, make_temp_grid
-from mapping.update_rules import MapState, start
+from mapping.sensor_model import stretch_of
 from recorder.messages import Message
 
 MARGIN_M = 0.2
+MANY = 20_000  # readings merged at once
 NARROW_RAD = math.radians(10.0)  # what such a beam goes through is free
 
 
 def build_maps(
-    messages: Iterable[Message],
+    session: PlacedSession | HasBlocks | Iterable[Message],
     config: MappingConfig,
     *,
     walls_m: NDArray[np.float64] | None = None,
+    watched: bool = True,
+    threads: int = 1,
+    merged: Callable[[int], None] | None = None,
 ) -> Iterator[Artifact]:
     """Everything that comes about while a session becomes maps, in order.
 
     ``walls_m`` (K, 2, 2) are the true walls, where they are known; they are shown, never used.
-    Raises BadInput, before any artifact, where the session cannot be mapped.
+    Of readings that are not ``watched`` no artifacts come (Beam, TempGrid, MergedGrid), and they
+    are merged many at a time, by ``threads``: the maps are the same, to the bit. ``merged(count)``
+    is called with how many readings are in the maps. Raises BadInput, before any artifact, where
+    the session cannot be mapped.
     """
-    placed = place(messages, config)
+    placed = session if isinstance(session, PlacedSession) else place_session(session, config)
+    total, sensors = sum(placed.counts.used.values()), placed.placement.sensors
     geometry = geometry_of(placed, config)
-    yield started_run(placed, geometry, walls_m)
-    maps = empty_maps(placed.sensors.values(), geometry)
+    yield started_run(sensors, placed.counts, geometry, walls_m)
+    maps, trail = empty_maps(sensors, geometry, threads=threads), Trail(geometry)
     every = config.rerun.stages_every
-    for beam in placed.beams:
-        yield beam
-        temp = make_temp_grid(beam, placed.sensors[beam.sensor], geometry)
-        yield temp
-        yield maps[beam.layer].merge(temp)
-        if every and (beam.number + 1) % every == 0 and beam.number + 1 < len(placed.beams):
-            yield from result_stages(placed, maps, config, final=False)
-    yield from result_stages(placed, maps, config, final=True)
+    for readings in stretches(placed, every):
+        yield from merge(readings, maps, watched=watched, merged=merged)
+        trail.take(readings)
+        end = readings.first_number + len(readings)
+        if every and end % every == 0 and end < total:
+            yield from result_stages(sensors, maps, trail, config, final=False)
+    yield from result_stages(sensors, maps, trail, config, final=True)
     yield from raw_lines(placed, config)
-    yield Finished(placed.readings, placed.used, placed.dropped)
+    yield Finished(placed.counts.readings, placed.counts.used, placed.counts.dropped)
 
 
-def geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:
+def stretches(placed: Iterable[Readings], every: int) -> Iterator[Readings]:
+    """The readings, as many together as is good for speed, cut after ``every`` of them (0: no)."""
+    waiting: list[Readings] = []
+    for readings in placed:
+        while every and readings.first_number // every != (
+            (readings.first_number + len(readings)) // every
+        ):
+            cut = every - readings.first_number % every
+            yield Readings.joined([*waiting, readings[:cut]])
+            waiting, readings = [], readings[cut:]
+        if len(readings):
+            waiting.append(readings)
+        if sum(map(len, waiting)) >= MANY:
+            yield Readings.joined(waiting)
+            waiting = []
+    if waiting:
+        yield Readings.joined(waiting)
+
+
+def merge(
+    readings: Readings,
+    maps: Mapping[str, LayerMap],
+    *,
+    watched: bool,
+    merged: Callable[[int], None] | None = None,
+) -> Iterator[Artifact]:
+    """Readings into the maps of their layers: one after the other, or all at once."""
+    if watched:
+        for row in range(len(readings)):
+            yield from maps[readings.sensors[readings.sensor[row]].layer].merge_one(readings, row)
+            if merged is not None:
+                merged(readings.first_number + row + 1)
+        return
+    for each in maps.values():
+        each.merge_many(readings)
+    if merged is not None:
+        merged(readings.first_number + len(readings))
+
+
+def geometry_of(placed: Iterable[Readings], config: MappingConfig) -> GridGeometry:
     """The configured grid, or the one that holds every beam and a margin."""
     section = config.grid
-    boxes = [beam_box_m(beam, placed.sensors[beam.sensor]) for beam in placed.beams]
-    low = np.min([box[0] for box in boxes], axis=0)
-    high = np.max([box[1] for box in boxes], axis=0)
+    low, high = box_of(placed)
     fitted_low = low if section.origin_m is None else np.array(section.origin_m)
     if section.size_m is None and section.origin_m is None:
         return geometry_for(
@@ -85,38 +130,72 @@ def geometry_of(placed: Placed, config: MappingConfig) -> GridGeometry:
     return GridGeometry(corner, resolution, rows, cols)
 
 
-def empty_maps(sensors: Iterable[Sensor], geometry: GridGeometry) -> dict[str, MapState]:
-    """A map without readings for each layer that the sensors fill, by name."""
-    return {each.layer: start(each.update, geometry, each.own) for each in sensors}
+def box_of(placed: Iterable[Readings]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The corners (low, high) of a box around all that the readings can touch, metres."""
+    boxes = [
+        readings.bounds_m([stretch_of(sensor) for sensor in readings.sensors])
+        for readings in placed if len(readings)
+    ]  # fmt: skip
+    return np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
 
 
 def started_run(
-    placed: Placed, geometry: GridGeometry, walls_m: NDArray[np.float64] | None
+    sensors: Sequence[Sensor],
+    counts: Counts,
+    geometry: GridGeometry,
+    walls_m: NDArray[np.float64] | None,
 ) -> Started:
     """The first artifact: the grid, and the layers that the sensors will fill."""
-    layers = tuple(dict.fromkeys(sensor.layer for sensor in placed.sensors.values()))
+    layers = tuple(dict.fromkeys(sensor.layer for sensor in sensors))
     if len(layers) > 1:
         layers = (*layers, FUSED)
     walls = np.zeros((0, 2, 2)) if walls_m is None else walls_m
-    times = [beam.t_ns for beam in placed.beams]
-    return Started(geometry, layers, walls, min(times), max(times))
+    known = {sensor.name: sensor for sensor in sensors}
+    widths_rad: dict[str, float] = {}
+    for sensor in (known[name] for name in counts.used):
+        widths_rad.setdefault(sensor.layer, sensor.beam_width_rad)
+    return Started(geometry, layers, walls, counts.first_ns, counts.last_ns, widths_rad)
+
+
+class Trail:
+    """Where the robot was, as the cells of a grid."""
+
+    def __init__(self, geometry: GridGeometry) -> None:
+        self._geometry = geometry
+        self._cells = np.zeros(geometry.shape, np.bool_)
+
+    def take(self, readings: Readings) -> None:
+        """Note where the robot was at some readings."""
+        base = readings.world_from_base
+        cells = self._geometry.cells_of(np.column_stack([base.x_m, base.y_m]))
+        cells = cells[self._geometry.contains(cells)]
+        self._cells[cells[:, 0], cells[:, 1]] = True
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """The centres of the cells, (N, 2), metres."""
+        return self._geometry.centres_of(np.argwhere(self._cells))
 
 
 def result_stages(
-    placed: Placed, maps: dict[str, MapState], config: MappingConfig, *, final: bool
+    sensors: Sequence[Sensor],
+    maps: Mapping[str, LayerMap],
+    trail: Trail,
+    config: MappingConfig,
+    *,
+    final: bool,
 ) -> Iterator[Artifact]:
     """Fusion, thresholds, borders and lines of the maps as they are now."""
-    layers = [state.layer(name) for name, state in maps.items()]
-    rules = {sensor.layer: sensor.update for sensor in placed.sensors.values()}
+    layers = [each.layer() for each in maps.values()]
+    rules = {name: each.state.rule.name for name, each in maps.items()}
     if len(layers) > 1:
-        layers.append(fuse(layers, list(placed.sensors.values()), config.fusion))
+        layers.append(fuse(layers, list(sensors), config.fusion))
         yield classify(layers[:-1])
     for layer in layers:
         yield Snapshot(layer, rules.get(layer.name, config.fusion.rule), final)
-    positions = np.array([[b.world_from_base.x_m, b.world_from_base.y_m] for b in placed.beams])
     for layer in layers:
-        lidar = of_lidar_only(layer.name, placed.sensors.values())
-        yield from _vector_stages(layer, positions, config, final=final, lidar=lidar)
+        lidar = of_lidar_only(layer.name, sensors)
+        yield from _vector_stages(layer, trail.positions_m, config, final=final, lidar=lidar)
 
 
 def _vector_stages(
@@ -151,34 +230,18 @@ def _stages_shown(
         yield from line_stages(stages, layer=layer, source=source, each=how == "each")
 
 
-def raw_lines(placed: Placed, config: MappingConfig) -> Iterator[Artifact]:
+def raw_lines(placed: Iterable[Readings], config: MappingConfig) -> Iterator[Artifact]:
     """The obstacle points of each sensor, and the lines fitted straight to them."""
-    by_sensor: dict[str, list[Beam]] = {}
-    for beam in placed.beams:
-        by_sensor.setdefault(beam.sensor, []).append(beam)
-    for name, beams in by_sensor.items():
-        points, t_ns = _points_of(beams)
-        yield RawPoints(name, points, t_ns)
-        if any(len(beam.ranges_m) > 1 for beam in beams):
-            yield from segments_of_scans(beams, config.segments, layer=name)
+    for sensor, points, t_ns, from_m in raw_points(placed):
+        yield RawPoints(sensor.name, points, t_ns)
+        scans = scans_of(placed, sensor.name)
+        if scans:
+            yield from segments_of_scans(scans, config.segments, layer=sensor.name)
         elif len(points) >= config.segments.min_points:
-            sensor_positions_m = np.array(
-                [[b.world_from_sensor.x_m, b.world_from_sensor.y_m] for b in beams]
-            )
-            narrow = beams[0].beam_width_rad <= NARROW_RAD
             stages: list[Stage] = []
             lines = segments_of_ranger(
-                points,
-                np.repeat(sensor_positions_m, [len(beam.points_m) for beam in beams], axis=0),
-                config.segments, layer=name, narrow=narrow, observe=stages.append,
+                points, from_m, config.segments, layer=sensor.name,
+                narrow=sensor.beam_width_rad <= NARROW_RAD, observe=stages.append,
             )  # fmt: skip
-            yield from _stages_shown(stages, name, "raw", config)
+            yield from _stages_shown(stages, sensor.name, "raw", config)
             yield from lines
-
-
-def _points_of(beams: Sequence[Beam]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    each = [beam.points_m for beam in beams]
-    points = np.concatenate([np.zeros((0, 2)), *each])
-    t_ns = np.repeat([beam.t_ns for beam in beams], [len(p) for p in each]).astype(np.int64)
-    points.flags.writeable = t_ns.flags.writeable = False
-    return points, t_ns

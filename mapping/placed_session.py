@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -25,16 +26,16 @@ from recorder.columns import (
     Block,
     Choice,
     Columns,
-    Floats,
     OtherColumns,
     PoseColumns,
     RangeColumns,
     RawColumns,
     ScanColumns,
     TransformColumns,
+    blocks_of,
 )
 from recorder.errors import BadInput
-from recorder.messages import Range, Scan
+from recorder.messages import Message, Range, Record, Scan, topic_of
 
 KEPT_BYTES = 256 << 20
 READINGS = Choice(kinds=(RangeColumns, ScanColumns))
@@ -54,6 +55,25 @@ class Counts:
     dropped: dict[str, int]
     first_ns: int
     last_ns: int
+
+
+class HasBlocks(Protocol):
+    """A session that can be gone through by columns, again and again."""
+
+    def blocks(self, choice: Choice = ALL) -> Iterable[Block]:
+        """What of it is wanted."""
+
+
+def place_session(session: HasBlocks | Iterable[Message], config: MappingConfig) -> PlacedSession:
+    """The readings of a session, or of any messages (which are kept), in the map frame.
+
+    Raises BadInput, in one line, where the session has no readings, no poses, or none that fit.
+    """
+    if not isinstance(session, Iterable):
+        return PlacedSession(session.blocks, config)
+    records = (Record(topic_of(message), message.t_ns, message) for message in session)
+    kept = list(blocks_of(records))
+    return PlacedSession(lambda choice: map(choice.of, kept), config)
 
 
 class PlacedSession:
@@ -109,12 +129,6 @@ class PlacedSession:
         self._counts = self._counted(placer, times)
         if size <= self._room_bytes:
             self._placed, self._kept = placed, None
-
-    def bounds_m(self, stretch: Mapping[str, float]) -> tuple[Floats, Floats]:
-        """A box (low, high) around all beams; ``stretch``: of the ranges of each sensor."""
-        factors = [stretch[sensor.name] for sensor in self.placement.sensors]
-        boxes = [readings.bounds_m(factors) for readings in self]
-        return np.min([box[0] for box in boxes], axis=0), np.max([box[1] for box in boxes], axis=0)
 
     def _counted(self, placer: Placer, times: _Span) -> Counts:
         dropped = {**self._bad_poses, **placer.dropped}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +47,25 @@ class Readings:
         return cls(
             sensors, first_number, nothing, nothing, motions, motions, zero, floats, floats, floats
         )
+
+    @classmethod
+    def joined(cls, parts: Sequence[Readings]) -> Readings:
+        """Several stretches, one behind the other; the last one knows all sensors."""
+        if len(parts) == 1:
+            return parts[0]
+        ends = np.cumsum([0, *(len(part.ranges_m) for part in parts)])
+        begins = [part.begins[:-1] + end for part, end in zip(parts, ends[:-1], strict=True)]
+        return cls(
+            parts[-1].sensors, parts[0].first_number,
+            np.concatenate([part.t_ns for part in parts]),
+            np.concatenate([part.sensor for part in parts]),
+            Motions.joined([part.world_from_base for part in parts]),
+            Motions.joined([part.world_from_sensor for part in parts]),
+            np.concatenate([*begins, ends[-1:]]),
+            np.concatenate([part.bearings_rad for part in parts]),
+            np.concatenate([part.ranges_m for part in parts]),
+            np.concatenate([part.reach_m for part in parts]),
+        )  # fmt: skip
 
     def __len__(self) -> int:
         return len(self.t_ns)
@@ -145,6 +164,31 @@ class Readings:
             edge[crossed] = -1.0 if sign is np.minimum else 1.0
             columns.append(reach_m * edge + (start.x_m if function is np.cos else start.y_m))
         return np.column_stack(columns)
+
+
+def raw_points(
+    placed: Iterable[Readings],
+) -> list[tuple[Sensor, Floats, Ints, Floats]]:
+    """Of each sensor that was used: its obstacle points (M, 2), their times, where it stood then.
+
+    In the order of the sensors' first readings; metres, map frame.
+    """
+    found: dict[str, tuple[Sensor, list[tuple[Floats, Ints, Floats]]]] = {}
+    for readings in placed:
+        points_m, row = readings.points_m()
+        start, of = readings.world_from_sensor, readings.sensor[row]
+        from_m = np.column_stack([start.x_m[row], start.y_m[row]])
+        numbers, first = np.unique(readings.sensor, return_index=True)
+        for number in numbers[np.argsort(first)].tolist():
+            mine, sensor = of == number, readings.sensors[number]
+            _, parts = found.setdefault(sensor.name, (sensor, []))
+            parts.append((points_m[mine], readings.t_ns[row][mine], from_m[mine]))
+    joined = []
+    for sensor, parts in found.values():
+        points_m, t_ns, from_m = (np.concatenate(each) for each in zip(*parts, strict=True))
+        points_m.flags.writeable = t_ns.flags.writeable = False
+        joined.append((sensor, points_m, t_ns, from_m))
+    return joined
 
 
 def _crosses(low_rad: Floats, high_rad: Floats, direction_rad: float) -> NDArray[np.bool_]:

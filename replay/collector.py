@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from mapping.artifacts import Artifact, Border, Finished, RawPoints, Segment, Snapshot
-from mapping.beams import Beam
+from mapping.artifacts import Artifact, Border, Finished, RawPoints, Segment, Snapshot, Started
 
 
 class Collector:
@@ -25,8 +24,8 @@ class Collector:
     def __call__(self, artifact: Artifact) -> None:
         """Keep what belongs to the results."""
         match artifact:
-            case Beam():
-                self.beam_widths_rad.setdefault(artifact.layer, artifact.beam_width_rad)
+            case Started():
+                self.beam_widths_rad = dict(artifact.beam_widths_rad)
             case Snapshot():
                 self._begin_layer(artifact)
             case Border():

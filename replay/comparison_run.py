@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING
 
 from mapping.artifacts import Artifact
 from mapping.pipeline import build_maps
+from mapping.placed_session import place_session
 from recorder.errors import BadInput
+from recorder.messages import Range, Scan
 from recorder.outputs import check_output
 from recorder.session import Session, read_session
 from recorder.truth import true_walls
@@ -19,7 +21,7 @@ from replay.collector import Collector
 from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, beams_of, in_step
 from replay.exports import Exporter, exporter_for
-from replay.mapping_run import RunResult, reading_count, result_of, with_progress
+from replay.mapping_run import RunResult, result_of, with_progress
 from replay.trajectory import poses_of
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ def compare_session(
         if writer is not None:
             stack.enter_context(writer)
         moments = in_step(runs, session.messages())
-        total = reading_count(session)
+        total = sum(isinstance(record.message, Range | Scan) for record in session.records)
         for moment in with_progress(moments, lambda m: bool(beams_of(m)), progress, total):
             if writer is not None:
                 writer(moment)
@@ -71,7 +73,7 @@ def compare_session(
                 collectors[name](artifact)
             distances.take(moment)
     for variant in variants if exporters else ():
-        exporters[variant.name].close(poses_of(path, more, variant.config))
+        exporters[variant.name].close(poses_of(place_session(session.messages(), variant.config)))
     left_out = "" if writer is None else writer.left_out
     results = {
         name: result_of(collector, session.damage, left_out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -10,13 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
-from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
+from mapping.placed_session import place_session
 from mapping.probing import CellProbe
-from recorder.messages import Range, Scan
 from recorder.outputs import check_output
-from recorder.session import Session, read_session
+from recorder.session.columns import open_session
 from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.exports import exporter_for
@@ -68,35 +68,62 @@ def map_session(
         check_output(rrd, (path, *more), force=force)
     if bag is not None:
         check_output(bag, (path, *more), force=force)
-    session = read_session(path, *more)
-    artifacts = build_maps(session.messages(), config, walls_m=true_walls(session.attachments))
+    session = open_session(path, *more)
+    placed = place_session(session, config)
+    total, count = placed.counts.readings, _every_now_and_then(progress, placed.counts.readings)
+    artifacts = build_maps(
+        placed, config, walls_m=true_walls(session.attachments), merged=count,
+        watched=rrd is not None or bool(probes), threads=cores(),
+    )  # fmt: skip
     first = next(artifacts)  # a session that cannot be mapped leaves no file behind
-    watched = tuple(CellProbe(at_m) for at_m in probes)
-    for probe in watched:
+    followed = tuple(CellProbe(at_m) for at_m in probes)
+    for probe in followed:
         probe(first)  # nor does a cell outside the grid
     collector = Collector()
-    takers: list[Taker] = [*watched, collector]  # before the writer, which draws the watched cells
+    takers: list[Taker] = [*followed, collector]  # before the writer, which draws their cells
     exporter = None if export is None else exporter_for(export, config, force=force)
     if exporter is not None:
         takers.append(exporter)
     with ExitStack() as stack:
         writer = None
         if rrd is not None:
-            writer = stack.enter_context(_writer(rrd, config, path.name, watched))
+            writer = stack.enter_context(_writer(rrd, config, path.name, followed))
             takers.append(writer)
-        steps = itertools.chain([first], artifacts)
-        total = reading_count(session)
-        for artifact in with_progress(steps, lambda a: isinstance(a, Beam), progress, total):
+        for artifact in itertools.chain([first], artifacts):
             for take in takers:
                 take(artifact)
-    poses = poses_of(path, more, config) if exporter is not None or bag is not None else []
+    if progress is not None:
+        progress(total, total)  # those that were dropped came to no beam
+    poses = poses_of(placed) if exporter is not None or bag is not None else []
     if exporter is not None:
         exporter.close(poses)
     if bag is not None:
         layers = [snapshot.layer for snapshot in collector.snapshots.values()]
         write_bag(bag, layers, poses, force=force)
     left_out = "" if writer is None else writer.left_out
-    return result_of(collector, session.damage, left_out, probes=watched, rrd=rrd)
+    return result_of(collector, session.damage, left_out, probes=followed, rrd=rrd)
+
+
+def cores() -> int:
+    """How many processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _every_now_and_then(
+    progress: Callable[[int, int], None] | None, total: int
+) -> Callable[[int], None] | None:
+    if progress is None:
+        return None
+
+    shown = 0
+
+    def count(merged: int) -> None:
+        nonlocal shown
+        if merged - shown >= _PROGRESS_EVERY:
+            shown = merged
+            progress(merged, total)
+
+    return count
 
 
 def _writer(
@@ -139,8 +166,3 @@ def result_of(
         tuple(collector.snapshots.values()), tuple(collector.segments), collector.finished,
         damage, left_out, probes, rrd, collector.clearest,
     )  # fmt: skip
-
-
-def reading_count(session: Session) -> int:
-    """How many readings there are to map: what a progress bar counts to."""
-    return sum(isinstance(record.message, Range | Scan) for record in session.records)

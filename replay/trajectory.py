@@ -4,22 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
-from mapping.config import MappingConfig
 from mapping.placed_session import PlacedSession
-from recorder.errors import BadInput
 from recorder.messages import Pose
-from recorder.session.columns import open_session
 
 
-def poses_of(path: Path, more: Sequence[Path], config: MappingConfig) -> list[Pose]:
-    """The poses that readings are placed by, in order of time; none where the session has none."""
-    try:
-        track = PlacedSession(open_session(path, *more).blocks, config).placement.track
-    except BadInput:
-        return []
-    return [Pose(int(t_ns), track.motions.one(i)) for i, t_ns in enumerate(track.t_ns)]
+def poses_of(placed: PlacedSession) -> list[Pose]:
+    """The poses that readings are placed by, in order of time."""
+    track = placed.placement.track
+    return [Pose(t_ns, track.motions.one(i)) for i, t_ns in enumerate(track.t_ns.tolist())]
 
 
 def tum_text(poses: Sequence[Pose]) -> str:

@@ -30,6 +30,7 @@ _NAN, _INF = -7.25, 1e4
 _SKIPPED = {
     ("TempGrid", "beam"), ("TempGrid", "geometry"), ("MergedGrid", "beam"),
     ("MergedGrid", "geometry"), ("Border", "geometry"), ("Thresholded", "geometry"),
+    ("Started", "beam_widths_rad"),
 }  # fmt: skip
 
 Fingerprint = tuple[int, float, float]

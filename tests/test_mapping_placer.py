@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from mapping.beams import Beam
 from mapping.config import MappingConfig, load_config
 from mapping.live_placing import LivePlacer
-from mapping.pipeline import beam_box_m
+from mapping.pipeline import box_of
 from mapping.placed_session import PlacedSession, Source
 from mapping.placer import Placer
 from mapping.placing import Placed, place
 from mapping.poses import Track
 from mapping.readings import Readings
+from mapping.sensor_model import stretch_of
 from mapping.tracks import Motions, MotionTrack
 from recorder.columns import Block, Choice, block_of
 from recorder.errors import BadInput
@@ -109,10 +110,8 @@ def assert_placed_the_same(
     assert list(session.counts.dropped.items()) == list(wanted.dropped.items())
     times = [beam.t_ns for beam in wanted.beams]
     assert (session.counts.first_ns, session.counts.last_ns) == (min(times), max(times))
-    boxes = [beam_box_m(beam, wanted.sensors[beam.sensor]) for beam in wanted.beams]
-    stretch = {name: 1.0 + (s.behind if s.model == "fading" else s.range_error)
-               for name, s in wanted.sensors.items()}  # fmt: skip
-    low, high = session.bounds_m(stretch)
+    boxes = [b.bounds_m(stretch_of(wanted.sensors[b.sensor])) for b in wanted.beams]
+    low, high = box_of(session)
     np.testing.assert_array_equal(low, np.min([box[0] for box in boxes], axis=0))
     np.testing.assert_array_equal(high, np.max([box[1] for box in boxes], axis=0))
     return wanted

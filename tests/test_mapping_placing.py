@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from mapping.config import load_config
 from mapping.pipeline import MARGIN_M, build_maps, geometry_of
+from mapping.placed_session import place_session
 from mapping.placing import Placed, place
 from mapping.poses import Track
 from recorder.errors import BadInput
@@ -139,7 +140,7 @@ def test_the_grid_holds_every_beam_and_a_margin(
     messages = [*still(0, pose=SE2(x_m, y_m, heading_rad)), reading(0, range_m)]
     config = load_config([], [f"grid.resolution_m={resolution_m}"])
     result = place(messages, config)
-    geometry = geometry_of(result, config)
+    geometry = geometry_of(place_session(messages, config), config)
     low = np.array(geometry.origin_m)
     high = low + geometry.size_m
     origin = result.beams[0].world_from_sensor

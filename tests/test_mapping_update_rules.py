@@ -146,11 +146,12 @@ def test_log_odds_of_the_ends_are_finite():
 def test_the_merging_kernel_is_like_its_twin():
     draw = np.random.default_rng(3)
     from mapping.kernels import merging
+    from mapping.kernels.batch.steps import ONE
 
-    belief = draw.uniform(-13.8, 13.8, (30, 40))
+    belief = np.round(draw.uniform(-13.8, 13.8, (30, 40)) * ONE).astype(np.int32)
     evidence = np.where(draw.random((30, 40)) < 0.3, 0.5, draw.random((30, 40)))
     evidence[0, :3] = [0.0, 1.0, 1e-300]
-    expected = belief.copy()
+    expected = belief / ONE
     for row in range(30):
         for col in range(40):
             p = evidence[row, col]
@@ -158,9 +159,13 @@ def test_the_merging_kernel_is_like_its_twin():
                 step = 13.8 if p else -13.8
             else:
                 step = max(-13.8, min(13.8, math.log(p / (1 - p))))
-            expected[row, col] = max(-13.8, min(13.8, belief[row, col] + step))
-    merging.add_log_odds(belief, evidence, 13.8)
-    np.testing.assert_allclose(belief, expected, atol=1e-12)
+            expected[row, col] = max(-13.8, min(13.8, expected[row, col] + step))
+    whole = np.full((33, 48), 7, np.int32)
+    whole[2:32, 5:45] = belief
+    merging.add_log_odds(whole, 2, 5, evidence)
+    np.testing.assert_allclose(whole[2:32, 5:45] / ONE, expected, atol=1 / ONE)
+    whole[2:32, 5:45] = 7
+    assert (whole == 7).all()
 
 
 # --- Dempster-Shafer --------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""Merging a temp grid into a map kept as log-odds."""
+"""Merging a temp grid into a map kept as steps of log-odds."""
 
 from __future__ import annotations
 
@@ -8,18 +8,25 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.steps import CLAMP, ONE
+
 
 @njit(cache=True, error_model="numpy")
 def add_log_odds(
-    log_odds: NDArray[np.float64], probability: NDArray[np.float64], clamp: float
+    cells: NDArray[np.int32], row0: int, col0: int, probability: NDArray[np.float64]
 ) -> None:
-    """Add ln(p / (1 - p)) to each cell where p is not 0.5; both it and the sum stay clamped."""
+    """Add ln(p / (1 - p)), in steps, to each cell of a window where p is not 0.5.
+
+    (row0, col0) is the window's first cell. Both what is added and the sum stay clamped.
+    """
     rows, cols = probability.shape
     for row in range(rows):
         for col in range(cols):
             p = probability[row, col]
             if p == 0.5:
                 continue
-            evidence = math.log(p / (1.0 - p)) if 0.0 < p < 1.0 else math.copysign(clamp, p - 0.5)
-            total = log_odds[row, col] + min(max(evidence, -clamp), clamp)
-            log_odds[row, col] = min(max(total, -clamp), clamp)
+            evidence = math.copysign(CLAMP, p - 0.5)
+            if 0.0 < p < 1.0:
+                evidence = min(max(math.log(p / (1.0 - p)) * ONE, -CLAMP), CLAMP)
+            total = float(cells[row0 + row, col0 + col] + np.rint(evidence))
+            cells[row0 + row, col0 + col] = np.int32(min(max(total, -CLAMP), CLAMP))

@@ -9,9 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-import numpy as np
-from numpy.typing import NDArray
-
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
 from mapping.grid import GridGeometry
@@ -29,7 +26,6 @@ from mapping.sensor_model.models import (
 )
 from recorder.errors import BadInput
 
-Floats = NDArray[np.float64]
 Rasteriser = Callable[[Beam, Sensor, SensorModel, GridGeometry], TempGrid]
 RASTERISERS: dict[str, Rasteriser] = {"cells": rasterise_cells, "arcs": rasterise_arcs}
 
@@ -38,16 +34,16 @@ __all__ = [
     "SENSOR_MODELS",
     "CellsInBeam",
     "SensorModel",
-    "beam_box_m",
     "emptiness",
     "make_temp_grid",
     "region_of",
     "regions_table",
+    "stretch_of",
 ]
 
 
-def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[Floats, Floats]:
-    """The corners (low, high) of a box around all that a reading can touch, metres.
+def stretch_of(sensor: Sensor) -> float:
+    """How far a reading can touch cells, in shares of its range.
 
     Raises BadInput where there is no such model, or its band has no end.
     """
@@ -55,7 +51,7 @@ def beam_box_m(beam: Beam, sensor: Sensor) -> tuple[Floats, Floats]:
     reach = reach_of(model, sensor)
     if not math.isfinite(reach):
         raise BadInput(f"sensor model {model.name!r}: its band has no end ({reach - 1.0} ranges)")
-    return beam.bounds_m(reach)
+    return reach
 
 
 def make_temp_grid(beam: Beam, sensor: Sensor, geometry: GridGeometry) -> TempGrid:

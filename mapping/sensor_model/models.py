@@ -7,6 +7,7 @@ of your own is a class with a ``name`` and an ``occupied``; see docs/plugins.md.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
@@ -14,8 +15,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
-from scipy.special import expit, ndtr
 
+from mapping.numbers import expit
 from mapping.parameters import Configurable, Fraction, NonNegative, Positive, Sensor
 from recorder.errors import BadInput
 
@@ -42,7 +43,8 @@ def regions_table(regions: int) -> Floats:
     if regions in _CHAPTER_REGIONS:
         half = np.array(_CHAPTER_REGIONS[regions])
     else:
-        half = np.diff(ndtr(np.linspace(-3.0, 0.0, regions // 2 + 1)))
+        borders = np.linspace(-3.0, 0.0, regions // 2 + 1).tolist()
+        half = np.diff([0.5 * math.erfc(-x / math.sqrt(2.0)) for x in borders])
     table = np.concatenate([half, half[::-1]])
     table.flags.writeable = False
     return table
@@ -215,8 +217,7 @@ class Fading(SensorModel):
         hit = sensor.hit / (1.0 + np.square(beam_cells.range_m / sensor.fade_m))
         closeness = 1.0 + sensor.near * np.exp(-np.square(beam_cells.rho_m / NEAR_M))
         miss = sensor.miss * closeness / (1.0 + np.square(beam_cells.rho_m / sensor.fade_m))
-        probability: Floats = expit(np.where(beam_cells.in_band, hit, -miss))
-        return probability
+        return expit(np.where(beam_cells.in_band, hit, -miss))
 
 
 SENSOR_MODELS: dict[str, SensorModel] = {

@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from mapping.artifacts import TempGrid
+from mapping.numbers import expit
 from mapping.parameters import Configurable, ParameterSection
 from mapping.update_rules.axis import axis_cells
 
@@ -183,13 +183,11 @@ class Bayes(UpdateRule):
     name, kind, start = "bayes", "probability", {"log_odds": 0.0}
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
-        from mapping.kernels import merging
-
-        merging.add_log_odds(cells["log_odds"], temp.probability, CLAMP)
+        total = cells["log_odds"] + log_odds(temp.probability)
+        np.clip(total, -CLAMP, CLAMP, out=cells["log_odds"])
 
     def values(self, cells: Cells) -> Floats:
-        probability: Floats = expit(cells["log_odds"])
-        return probability
+        return expit(cells["log_odds"])
 
 
 class Odds(Bayes):
@@ -202,8 +200,7 @@ class Odds(Bayes):
         return np.exp(cells["log_odds"])
 
     def probability(self, cells: Cells, largest: float) -> Floats:
-        probability: Floats = expit(cells["log_odds"])  # odds / (1 + odds)
-        return probability
+        return expit(cells["log_odds"])  # odds / (1 + odds)
 
     def probability_of_values(
         self, values: Floats, largest: float, extra: Mapping[str, Floats]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,57 +12,107 @@ from mapping.artifacts import MergedGrid, TempGrid
 from mapping.grid import GridGeometry, Layer, Window, read_only
 from mapping.names import choose
 from mapping.update_rules.rules import (
+    BUILT_IN_RULES,
     UPDATE_RULES,
+    Bayes,
     Cells,
     Floats,
     UpdateRule,
     unit_gives_probability,
 )
 
+if TYPE_CHECKING:
+    from mapping.kernels.batch.readings import Place
+
+STEP = np.float64(2.0**-24)  # of log-odds
+
+
+class Target(NamedTuple):
+    """A map, or a window of it, as the batch kernels take it.
+
+    ``array`` is (rows, a multiple of 16) steps of log-odds, or (K, rows, cols) for a rule of K
+    arrays; ``place`` is where its first cell lies.
+    """
+
+    array: NDArray[Any]
+    observed: NDArray[np.bool_]
+    place: Place
+
+
+Kernel = Callable[[Target], None]
+
 
 class MapState:
     """The growing map of one layer; made by :func:`start`.
 
-    ``cells`` are the rule's arrays over the whole grid, ``largest`` the largest value so far for a
-    rule whose probability is a share of it.
+    Log-odds are whole steps of 2^-24, so that their sum is the same in any order. ``largest`` is
+    the largest value so far, for a rule whose probability is a share of it.
     """
 
     def __init__(self, rule: UpdateRule, geometry: GridGeometry) -> None:
         self.rule = rule
         self.geometry = geometry
-        self.largest = 0.0
         self._values_are_probabilities = (
             type(rule).probability is UpdateRule.probability
             and type(rule).probability_of_values is UpdateRule.probability_of_values
             and not rule.against_largest
         )
-        self.cells: Cells = {
-            name: np.full(geometry.shape, value) for name, value in rule.start.items()
-        }
-        self._observed = np.zeros(geometry.shape, np.bool_)
-        self._probability = rule.probability(self.cells, 0.0).astype(np.float32)
+        self._steps: NDArray[np.int32] | None = None
+        self._stack = np.zeros((0, *geometry.shape))
+        self._arrays: Cells = {}
+        if type(rule).merge is Bayes.merge:
+            from mapping.kernels.batch import steps
 
-    def merge(self, temp: TempGrid) -> MergedGrid:
+            self._steps = steps.blank(geometry.rows, geometry.cols)
+        elif type(rule) in (type(known) for known in BUILT_IN_RULES):
+            self._stack = np.empty((len(rule.start), *geometry.shape))
+            self._arrays = dict(zip(rule.start, self._stack, strict=True))
+            for name, value in rule.start.items():
+                self._arrays[name][...] = value
+        else:
+            self._arrays = {k: np.full(geometry.shape, v) for k, v in rule.start.items()}
+        self._observed = np.zeros(geometry.shape, np.bool_)
+        self._largest = 0.0
+        self._probability = np.full(geometry.shape, np.float32(rule.start_probability))
+        self._stale = False  # of the two: readings were merged of which nobody saw what they did
+
+    @property
+    def cells(self) -> Cells:
+        """The rule's arrays over the whole grid, by name; log-odds as a copy."""
+        return self._cut(Window(0, 0, *self.geometry.shape))
+
+    @property
+    def largest(self) -> float:
+        """The largest value of the map, for a rule that needs it; 0 otherwise."""
+        if self._stale:
+            self._look_again()
+        return self._largest
+
+    def merge(self, temp: TempGrid, kernel: Kernel | None = None) -> MergedGrid:
         """Merge one reading and return what the map holds now where the reading could change it.
 
-        A probability that is a share of the largest value uses the largest one so far.
+        ``kernel``, where there is one, adds the reading to the cells; otherwise the temp grid is
+        what is added. A probability that is a share of the largest value uses the largest one so
+        far.
         """
+        if self._stale:
+            self._look_again()
         here = temp.window.slices
         previous = self._probability[here].copy()
-        parts = temp.sub_grids if self.rule.per_sample and temp.sub_grids else (temp,)
         before = self._largest_in(temp.window)
-        for part in parts:
-            self.rule.merge(self._cut(part.window), part)
-            self._observed[part.window.slices] |= part.band | (part.probability != 0.5)
+        if kernel is None:
+            self._merge_cells(temp)
+        elif not temp.window.empty:
+            self._change(temp.window, kernel)
         self._follow_largest(temp.window, before)
         cells = self._cut(temp.window)
-        probability = self.rule.probability(cells, self.largest).astype(np.float32)
+        probability = self.rule.probability(cells, self._largest).astype(np.float32)
         values = probability
         if not self._values_are_probabilities:
             values = self.rule.values(cells).astype(np.float32)
         self._probability[here] = probability
-        # A rule for thin beams may change cells whose centres lie beside the beam.
-        self._observed[here] |= probability != previous
+        if kernel is None:  # a rule for thin beams may change cells whose centres lie beside
+            self._observed[here] |= probability != previous
         for array in (previous, probability, values):
             read_only(array)
         return MergedGrid(
@@ -71,11 +121,63 @@ class MapState:
             previous=previous,
         )  # fmt: skip
 
+    def merge_many(self, kernel: Kernel) -> None:
+        """Let a kernel add readings to the whole map; what each of them changes is not looked at.
+
+        The map is the one that :meth:`merge` with the same kernel comes to, reading by reading.
+        """
+        array = self._stack if self._steps is None else self._steps
+        kernel(Target(array, self._observed, self._place(0, 0)))
+        self._stale = True
+
+    def _change(self, window: Window, kernel: Kernel) -> None:
+        """Let a kernel change a window: on a copy of it, as it wants whole rows."""
+        observed = self._observed[window.slices].copy()
+        place = self._place(window.row0, window.col0)
+        if self._steps is None:
+            cut = self._stack[:, *window.slices].copy()
+            kernel(Target(cut, observed, place))
+            self._stack[:, *window.slices] = cut
+        else:
+            from mapping.kernels.batch import steps
+
+            cells = steps.blank(window.rows, window.cols)
+            cells[:, : window.cols] = self._steps[window.slices]
+            kernel(Target(cells, observed, place))
+            self._steps[window.slices] = cells[:, : window.cols]
+        self._observed[window.slices] = observed
+
+    def _merge_cells(self, temp: TempGrid) -> None:
+        """Merge what a temp grid holds, cell by cell."""
+        parts = temp.sub_grids if self.rule.per_sample and temp.sub_grids else (temp,)
+        for part in parts:
+            window = part.window
+            if self._steps is None:
+                self.rule.merge(self._cut(window), part)
+            elif not window.empty:
+                from mapping.kernels import merging
+
+                merging.add_log_odds(self._steps, window.row0, window.col0, part.probability)
+            self._observed[window.slices] |= part.band | (part.probability != 0.5)
+
+    def _place(self, row0: int, col0: int) -> Place:
+        from mapping.kernels.batch.readings import place_of
+
+        return place_of(self.geometry.origin_m, self.geometry.resolution_m, row0, col0)
+
+    def _look_again(self) -> None:
+        self._stale = False
+        cells = self.cells
+        if self.rule.against_largest:
+            self._largest = float(self.rule.values(cells).max(initial=0.0))
+        self._probability = self.rule.probability(cells, self._largest).astype(np.float32)
+
     def layer(self, name: str) -> Layer:
         """The whole map as it stands; a copy, read-only."""
-        values = self.rule.values(self.cells)
-        probability = self.rule.probability(self.cells, self.largest)
-        extra = {key: _exported(array) for key, array in self.rule.extra(self.cells).items()}
+        cells = self.cells
+        values = self.rule.values(cells)
+        probability = self.rule.probability(cells, self.largest)
+        extra = {key: _exported(array) for key, array in self.rule.extra(cells).items()}
         if not unit_gives_probability(self.rule):
             extra["probability"] = _exported(probability)
         observed = self._observed.copy()
@@ -86,7 +188,10 @@ class MapState:
         )  # fmt: skip
 
     def _cut(self, window: Window) -> Cells:
-        return {name: array[window.slices] for name, array in self.cells.items()}
+        if self._steps is not None:
+            log_odds: Floats = self._steps[window.slices] * STEP
+            return {"log_odds": log_odds}
+        return {name: array[window.slices] for name, array in self._arrays.items()}
 
     def _largest_in(self, window: Window) -> float:
         if not self.rule.against_largest:
@@ -98,10 +203,10 @@ class MapState:
         if not self.rule.against_largest:
             return
         now = self._largest_in(window)
-        if now >= self.largest:
-            self.largest = now
-        elif before >= self.largest:
-            self.largest = float(self.rule.values(self.cells).max(initial=0.0))
+        if now >= self._largest:
+            self._largest = now
+        elif before >= self._largest:
+            self._largest = float(self.rule.values(self.cells).max(initial=0.0))
 
 
 def _exported(array: Floats) -> NDArray[np.float32]:

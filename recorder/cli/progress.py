@@ -10,9 +10,12 @@ import click
 
 
 class Advance(Protocol):
-    """Called now and then with how much is done, and of how much, once that is known."""
+    """Called now and then with how much is done, and of how much, once that is known.
 
-    def __call__(self, done: float, total: float | None = None) -> None: ...
+    ``doing`` is what holds it up meanwhile.
+    """
+
+    def __call__(self, done: float, total: float | None = None, doing: str = "") -> None: ...
 
 
 def warn(text: str) -> None:
@@ -30,7 +33,8 @@ def progress_bar(title: str, *, quiet: bool) -> Iterator[Advance]:
     with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
         task = bar.add_task(title, total=None)
 
-        def advance(done: float, total: float | None = None) -> None:
-            bar.update(task, completed=done, total=total)
+        def advance(done: float, total: float | None = None, doing: str = "") -> None:
+            described = f"{title}: {doing}" if doing else title
+            bar.update(task, completed=done, total=total, description=described)
 
         yield advance

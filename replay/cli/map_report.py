@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import shutil
+import sys
 from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from recorder.cli.progress import progress_bar
+from recorder.cli.progress import Advance, progress_bar
 
 if TYPE_CHECKING:
     from mapping.config import MappingConfig
@@ -27,7 +29,10 @@ def map_and_report(
 ) -> int:  # fmt: skip
     from replay.mapping_run import map_session
 
-    with progress_bar(f"mapping {session.name}", quiet=quiet) as advance:
+    with (
+        progress_bar(f"mapping {session.name}", quiet=quiet) as advance,
+        first_run(advance, quiet=quiet),
+    ):
         result = map_session(
             session, config, more=more, rrd=rrd, export=export, bag=bag, force=force,
             probes=probes, progress=advance,
@@ -46,7 +51,8 @@ def compare_and_report(
 ) -> int:  # fmt: skip
     from replay.comparison_run import compare_session
 
-    with progress_bar(f"mapping {session.name}, {len(variants)} times", quiet=quiet) as advance:
+    title = f"mapping {session.name}, {len(variants)} times"
+    with progress_bar(title, quiet=quiet) as advance, first_run(advance, quiet=quiet):
         comparison = compare_session(
             session, variants, more=more, rrd=rrd, export=export, force=force,
             progress=advance,
@@ -57,6 +63,17 @@ def compare_and_report(
         click.echo("\n".join(_comparison_report(variants, comparison)))
         _report_files(of_all.left_out, rrd, export)
     return status
+
+
+def first_run(advance: Advance, *, quiet: bool) -> AbstractContextManager[None]:
+    """The bar names what is being compiled: only the first run on a machine waits for it."""
+    if quiet or not sys.stderr.isatty():
+        return nullcontext()
+    from mapping.kernels.first_run import compiling_reported
+
+    return compiling_reported(
+        lambda name: advance(0, None, f"compiling {name} (only the first run)")
+    )
 
 
 def _report_files(left_out: str, *paths: Path | None) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from mapping.artifacts import Artifact, Snapshot, Started
@@ -10,7 +10,9 @@ from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.grid import GridGeometry
 from mapping.pipeline import build_maps
+from mapping.placed_session import place_session
 from recorder.session import Session, read_session
+from recorder.session.columns import open_session
 from replay.collector import Collector
 from replay.diff.alignment import common_grid
 from replay.diff.divergence import Divergence, Readings, readings_of, walk_in_step
@@ -21,14 +23,17 @@ Progress = Callable[[int, int], None]
 
 def map_one(path: Path, config: MappingConfig, progress: Progress | None = None) -> Source:
     """One session as a map on its own grid. Raises an EchogridError in one line."""
-    session = read_session(path)
-    results = Collector()
-    total = len(session.records)
-    for number, artifact in enumerate(build_maps(session.messages(), config)):
+    session = open_session(path)
+    placed = place_session(session, config)
+    total, results = placed.counts.readings, Collector()
+
+    def merged(count: int) -> None:
+        if progress is not None:
+            progress(count, total)
+
+    for artifact in build_maps(placed, config, watched=False, merged=merged):
         results(artifact)
-        if progress is not None and number % 200 == 0:
-            progress(number, 3 * total)
-    return _source(session, path, results, config)
+    return _source(session.damage, path, results, config)
 
 
 def map_two(
@@ -58,7 +63,7 @@ def map_two(
     total = max(len(session.records) for session in sessions)
     divergence = walk_in_step(*sides, tolerance, progress=progress, total=total)
     left, right = (
-        _source(session, path, results, config)
+        _source(session.damage, path, results, config)
         for session, path, results in zip(sessions, (a, b), collected, strict=True)
     )
     return left, right, divergence
@@ -70,12 +75,12 @@ def _watched(artifacts: Iterable[Artifact], results: Collector) -> Iterator[Arti
         yield artifact
 
 
-def _source(session: Session, path: Path, results: Collector, config: MappingConfig) -> Source:
-    notes = tuple(f"{path.name}: {reason}" for reason in session.damage)
+def _source(damage: Sequence[str], path: Path, results: Collector, config: MappingConfig) -> Source:
+    notes = tuple(f"{path.name}: {reason}" for reason in damage)
     layers = {name: _layer(each, results) for name, each in results.snapshots.items()}
     return Source(
         path, "session", layers, config_toml=commented_toml(config), notes=notes,
-        damaged=bool(session.damage),
+        damaged=bool(damage),
     )  # fmt: skip
 
 

@@ -1,0 +1,264 @@
+"""Readings as columns → the batch kernels: which of them adds a reading, and what it has to know.
+
+What no kernel knows (a plugin's model or rule, the rasteriser `arcs`, scans by most rules, a limit
+``clear_to_m`` in front of what is seen) is merged reading by reading from its temp grid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.kernels.batch.threads import in_parts
+from mapping.parameters import Sensor
+from mapping.readings import Readings
+from mapping.sensor_model import SENSOR_MODELS, regions_table
+from mapping.sensor_model.models import Fading, Peak, Regions
+from mapping.update_rules.rules import (
+    HIMM_HIT,
+    HIMM_MISS,
+    HIMM_MOST,
+    Bayes,
+    Binary,
+    Count,
+    DempsterShafer,
+    Himm,
+    Odds,
+    Sum,
+    UpdateRule,
+)
+from mapping.update_rules.state import Target
+from recorder.columns import Floats, Ints
+
+if TYPE_CHECKING:
+    from mapping.kernels.batch.readings import Readings as Columns
+    from mapping.kernels.batch.readings import ScanAxes
+
+_MODELS = (Regions, Peak, Fading)
+_KEPT_AXES = 256  # sets of directions
+
+
+class Adder(Protocol):
+    """A kernel with what it knows of some sensors."""
+
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        """Add the readings of some rows, in their order, to a map."""
+
+
+def adder_of(rule: UpdateRule, sensors: Sequence[Sensor], number: int) -> str:
+    """The name of the kernel for a sensor's readings of one axis; "" where there is none."""
+    sensor = sensors[number]
+    model = type(SENSOR_MODELS.get(sensor.model))
+    if sensor.rasteriser != "cells" or model not in _MODELS or sensor.clear_to_m is not None:
+        return ""
+    if type(rule) in (Bayes, Odds):
+        return "fading" if model is Fading else "regions"
+    kernels = {Binary: "bands", Count: "bands", Sum: "cells", DempsterShafer: "cells", Himm: "axes"}
+    return kernels.get(type(rule), "")
+
+
+def adders(rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> dict[str, Adder]:
+    """The kernels for some of the sensors, by name; that for scans of sensor n is ``scans n``."""
+    found: dict[str, list[int]] = {}
+    for number in mine:
+        found.setdefault(adder_of(rule, sensors, number), []).append(number)
+    kinds: dict[str, type[_Kernel]] = {
+        "fading": _FadingReadings, "regions": _RegionReadings, "bands": _Bands, "cells": _Cells,
+        "axes": _Axes,
+    }  # fmt: skip
+    made: dict[str, Adder] = {
+        name: kinds[name](rule, sensors, some) for name, some in found.items() if name
+    }
+    for number in found.get("fading", ()):
+        made[f"scans {number}"] = _FadingScans(sensors[number])
+    return made
+
+
+class _Kernel:
+    """What all kernels for readings of one axis have in common: the readings as they want them."""
+
+    def __init__(self, rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> None:
+        self.rule, self.sensors = rule, [sensors[number] for number in mine]
+        self._row = np.zeros(len(sensors), np.int32)
+        self._row[list(mine)] = np.arange(len(mine))
+        self._half_rad = np.array([sensor.beam_width_rad / 2.0 for sensor in self.sensors])
+        self._band = np.array([SENSOR_MODELS[s.model].band(s) for s in self.sensors])
+        self._empties = np.array([sensor.no_echo == "empties" for sensor in self.sensors])
+
+    def columns(self, readings: Readings, rows: Ints) -> Columns:
+        """Some readings, with where front and band of each end."""
+        from mapping.kernels.batch.readings import Readings as Columns
+        from mapping.kernels.batch.readings import ends_of
+
+        start, axis = readings.world_from_sensor, readings.begins[rows]
+        of = self._row[readings.sensor[rows]]
+        before, behind = self._band[of].T
+        ends = ends_of(
+            readings.ranges_m[axis], readings.reach_m[axis], before, behind, self._empties[of]
+        )
+        heading_rad = readings.bearings_rad[axis] + start.heading_rad[rows]
+        columns = (start.x_m[rows], start.y_m[rows], heading_rad, *ends)
+        x_m, y_m, heading_rad, far, front, band = map(np.ascontiguousarray, columns)
+        return Columns(x_m, y_m, heading_rad, far, front, band, of)
+
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        """See :class:`Adder`."""
+        raise NotImplementedError
+
+    @property
+    def has_front_evidence(self) -> Floats:
+        """1 where a sensor's model has evidence for the cells in front of the band, (S,)."""
+        return np.array([_has_front_evidence(sensor) for sensor in self.sensors], np.float64)
+
+
+def _has_front_evidence(sensor: Sensor) -> bool:
+    if sensor.model == Fading.name:
+        return sensor.miss > 0.0
+    if sensor.model == Peak.name and sensor.p_miss == 0.5:
+        return False
+    return sensor.emptiness != "none"
+
+
+def _factors(sensor: Sensor) -> tuple[Floats, Floats]:
+    """Factors of the angular regions and of those of the band; a one where it is not modelled."""
+    both, table, one = sensor.gaussian == "both", regions_table(sensor.regions), np.ones(1)
+    angle = table if both or sensor.gaussian == "angle" else one
+    return angle, table if both or sensor.gaussian == "distance" else one
+
+
+def _fading_row(sensor: Sensor) -> tuple[float, ...]:
+    return sensor.beam_width_rad / 2.0, sensor.hit, sensor.miss, sensor.near, sensor.fade_m
+
+
+class _FadingReadings(_Kernel):
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch.fading import add_fading
+
+        table = np.array([_fading_row(sensor) for sensor in self.sensors])
+        in_parts(add_fading, *target, self.columns(readings, rows), table, threads=threads)
+
+
+class _RegionReadings(_Kernel):
+    def __init__(self, rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> None:
+        from mapping.kernels.batch.region_tables import peak_sensor, regions_sensor, tables_of
+
+        super().__init__(rule, sensors, mine)
+        known = []
+        for sensor in self.sensors:
+            common = sensor.beam_width_rad, sensor.emptiness, *_factors(sensor)
+            if sensor.model == Peak.name:
+                known.append(peak_sensor(*common, sensor.p_hit, sensor.p_miss))
+            else:
+                known.append(regions_sensor(*common))
+        self._tables = tables_of(known)
+
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch.regions import add_regions
+
+        columns = self.columns(readings, rows)
+        in_parts(add_regions, *target, columns, *self._tables, threads=threads)
+
+
+class _Bands(_Kernel):
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch import counts
+
+        what = counts.COUNT if isinstance(self.rule, Count) else counts.BINARY
+        self._mark(target, self.columns(readings, rows), what, threads)
+
+    def _mark(self, target: Target, columns: Columns, what: int, threads: int) -> None:
+        from mapping.kernels.batch.counts import add_bands
+
+        table = np.column_stack([self._half_rad, self.has_front_evidence])
+        array = target.array[0]
+        in_parts(
+            add_bands, array, target.observed, target.place, columns, table, what, threads=threads
+        )
+
+
+class _Axes(_Bands):
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch import axis, counts
+
+        columns = self.columns(readings, rows)
+        self._mark(target, columns, counts.NOTHING, threads)
+        axis.add_axes(
+            target.array[0], target.observed, target.place, columns, self._half_rad,
+            HIMM_HIT, HIMM_MISS, HIMM_MOST,
+        )  # fmt: skip
+
+
+class _Cells(_Kernel):
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch import cell_tables, cellwise
+
+        tables = cell_tables.tables_of(
+            [
+                cell_tables.CellSensor(
+                    s.beam_width_rad, s.model, s.emptiness, s.hit, s.miss, s.near, s.fade_m,
+                    s.p_hit, s.p_miss, *_factors(s),
+                )
+                for s in self.sensors
+            ]
+        )  # fmt: skip
+        what = cellwise.SUM if isinstance(self.rule, Sum) else cellwise.MASSES
+        columns = self.columns(readings, rows)
+        in_parts(cellwise.add_cellwise, *target, columns, *tables, what, threads=threads)
+
+
+class _FadingScans:
+    """Scans of one laser, whose usable beams may be others each time."""
+
+    def __init__(self, sensor: Sensor) -> None:
+        self.sensor = sensor
+        self._axes: dict[bytes, ScanAxes] = {}
+
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch.lidar import add_scans
+        from mapping.kernels.batch.readings import Scans, ends_of
+
+        sensor, start = self.sensor, readings.world_from_sensor
+        before, behind = SENSOR_MODELS[sensor.model].band(sensor)
+        for same, bearings_rad in _same_beams(readings, rows):
+            axes = readings.begins[same][:, None] + np.arange(len(bearings_rad))
+            ends = ends_of(
+                readings.ranges_m[axes], readings.reach_m[axes], before, behind,
+                sensor.no_echo == "empties",
+            )  # fmt: skip
+            columns = (start.x_m[same], start.y_m[same], start.heading_rad[same], *ends)
+            scans = Scans(*(np.ascontiguousarray(each, np.float64) for each in columns))
+            known = self._axes_of(bearings_rad)
+            row = np.array(_fading_row(sensor))
+            in_parts(add_scans, *target, scans, known, row, threads=threads)
+
+    def _axes_of(self, bearings_rad: Floats) -> ScanAxes:
+        from mapping.kernels.batch.readings import scan_axes
+
+        key = bearings_rad.tobytes()
+        if key not in self._axes:
+            if len(self._axes) >= _KEPT_AXES:
+                self._axes.clear()
+            self._axes[key] = scan_axes(bearings_rad, self.sensor.beam_width_rad / 2.0)
+        return self._axes[key]
+
+
+def _same_beams(readings: Readings, rows: Ints) -> Iterator[tuple[Ints, Floats]]:
+    """Stretches of scans whose beams look the same ways, and these directions."""
+    begins, bearings_rad = readings.begins, readings.bearings_rad
+    each = [bearings_rad[begins[row] : begins[row + 1]] for row in rows.tolist()]
+    first = 0
+    for end in range(1, len(rows) + 1):
+        if end == len(rows) or not np.array_equal(each[end], each[first]):
+            yield rows[first:end], each[first]
+            first = end
+
+
+def runs_of(values: NDArray[np.generic]) -> Iterator[tuple[int, int]]:
+    """Where stretches of the same value begin and end."""
+    borders = np.flatnonzero(values[1:] != values[:-1]) + 1
+    edges = [0, *borders.tolist(), len(values)]
+    return pairwise(edges) if len(values) else iter(())
