@@ -18,13 +18,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT))
+sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
+
+from naive_placing import place  # noqa: E402
 
 from benchmarks.made_up_sessions import write_session  # noqa: E402
 from mapping.config import load_config  # noqa: E402
 from mapping.pipeline import box_of  # noqa: E402
 from mapping.placed_session import PlacedSession  # noqa: E402
-from mapping.placing import place  # noqa: E402
 from recorder.session import read_session  # noqa: E402
 from recorder.session.columns import OpenSession  # noqa: E402
 

@@ -191,6 +191,7 @@ class Finished:
     readings: int
     used: Mapping[str, int]  # by sensor
     dropped: Mapping[str, int]  # by reason
+    notes: tuple[str, ...] = ()  # what was taken otherwise than it came, or assumed
 
 
 Artifact = (

@@ -19,7 +19,13 @@ Display = Literal["grey", "reduced", "odds", "two-colours", "three-colours"]
 class PoseSection(Section):
     """Where the robot was at each reading's own time."""
 
-    topic: str = Field("", description="topic of the poses; empty: /pose, or the only one there is")
+    topic: str = Field(
+        "", description="topic of the poses, or /tf; empty: /pose, or the only one there is"
+    )
+    offset_s: Coordinate = Field(0.0, description="added to the times of the poses")
+    stamps: Literal["header", "arrival"] = Field(
+        "header", description="times of measurement, or those at which the messages arrived"
+    )
     odom_start: Literal["own", "tracker"] = Field(
         "own", description="/odom as it is, or laid on the tracker's pose where both begin"
     )
@@ -54,7 +60,7 @@ class SensorSection(Section):
     rules.
     """
 
-    topic: str | None = Field(None, description="topic of its readings; default /range/NAME")
+    topic: str | None = Field(None, description="topic of its readings; default: by type")
     kind: str | None = Field(None, description="what the sensor is: ping, dirrs, lidar")
     beam_width_deg: Annotated[float, Field(gt=0, le=360)] | None = Field(
         None, description="full width of the beam"

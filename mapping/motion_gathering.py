@@ -9,8 +9,7 @@ from itertools import chain
 import numpy as np
 
 from mapping.config import MappingConfig
-from mapping.poses import is_sane
-from mapping.tracks import Frames, Motions, MotionTrack
+from mapping.tracks import Frames, Motions, MotionTrack, is_sane
 from recorder.clock import NS_PER_S
 from recorder.columns import Block, Ints, MotionColumns, PoseColumns, TransformColumns
 from recorder.errors import BadInput

@@ -31,7 +31,7 @@ from mapping.segments import (
     segments_of_scans,
 )
 from mapping.sensor_model import stretch_of
-from recorder.messages import Message
+from recorder.messages import Message, Record
 
 MARGIN_M = 0.2
 MANY = 20_000  # readings merged at once
@@ -39,7 +39,7 @@ NARROW_RAD = math.radians(10.0)  # what such a beam goes through is free
 
 
 def build_maps(
-    session: PlacedSession | HasBlocks | Iterable[Message],
+    session: PlacedSession | HasBlocks | Iterable[Message | Record],
     config: MappingConfig,
     *,
     walls_m: NDArray[np.float64] | None = None,
@@ -69,7 +69,8 @@ def build_maps(
             yield from result_stages(sensors, maps, trail, config, final=False)
     yield from result_stages(sensors, maps, trail, config, final=True)
     yield from raw_lines(placed, config)
-    yield Finished(placed.counts.readings, placed.counts.used, placed.counts.dropped)
+    counts = placed.counts
+    yield Finished(counts.readings, counts.used, counts.dropped, placed.notes)
 
 
 def stretches(placed: Iterable[Readings], every: int) -> Iterator[Readings]:

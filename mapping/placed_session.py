@@ -19,6 +19,7 @@ from mapping.motion_gathering import MotionGatherer, fixed_track
 from mapping.pending import first_readings
 from mapping.placer import Placement, Placer, settled_sensors
 from mapping.readings import Readings
+from mapping.selection import Selection, timed
 from mapping.tracks import MotionTrack
 from recorder.clock import NS_PER_S
 from recorder.columns import (
@@ -32,10 +33,12 @@ from recorder.columns import (
     RawColumns,
     ScanColumns,
     TransformColumns,
+    block_of,
     blocks_of,
 )
 from recorder.errors import BadInput
-from recorder.messages import Message, Range, Record, Scan, topic_of
+from recorder.messages import Message, Record, topic_of
+from recorder.sources import Survey
 
 KEPT_BYTES = 256 << 20
 READINGS = Choice(kinds=(RangeColumns, ScanColumns))
@@ -64,14 +67,19 @@ class HasBlocks(Protocol):
         """What of it is wanted."""
 
 
-def place_session(session: HasBlocks | Iterable[Message], config: MappingConfig) -> PlacedSession:
+def place_session(
+    session: HasBlocks | Iterable[Message | Record], config: MappingConfig
+) -> PlacedSession:
     """The readings of a session, or of any messages (which are kept), in the map frame.
 
     Raises BadInput, in one line, where the session has no readings, no poses, or none that fit.
     """
     if not isinstance(session, Iterable):
         return PlacedSession(session.blocks, config)
-    records = (Record(topic_of(message), message.t_ns, message) for message in session)
+    records = (
+        each if isinstance(each, Record) else Record(topic_of(each), each.t_ns, each)
+        for each in session
+    )
     kept = list(blocks_of(records))
     return PlacedSession(lambda choice: map(choice.of, kept), config)
 
@@ -86,7 +94,7 @@ class PlacedSession:
 
         Raises BadInput, in one line, where the session has no readings, no poses, or none that fit.
         """
-        self._config, self._source = config, source
+        self._source = source
         known = _Knowledge(config, kept_bytes)
         for block in source(ALL):
             known.take(block)
@@ -94,13 +102,20 @@ class PlacedSession:
         self._placed: list[Readings] | None = None
         self._room_bytes = kept_bytes
         self._counts: Counts | None = None
-        self.placement, self._bad_poses = known.placement()
+        self.placement, self._bad_poses, self._selection = known.placement()
+        self._given, self._config = config, self._selection.config
         self._found = known.found
 
     @property
     def sensors(self) -> Mapping[str, Sensor]:
         """What is held of each sensor, by its name, in the order of their first readings."""
         return {sensor.name: sensor for sensor in self.placement.sensors}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was taken otherwise than it came, or assumed, one line each."""
+        selection = self._selection
+        return (*selection.notes, *selection.mount_notes(self.placement.sensors))
 
     @property
     def counts(self) -> Counts:
@@ -119,7 +134,7 @@ class PlacedSession:
         placed: list[Readings] = []
         size, times = 0, _Span()
         for block in self._kept if self._kept is not None else self._source(READINGS):
-            readings = placer.take(block)
+            readings = placer.take(self._selection.readings(timed(block, self._given)))
             if len(readings):
                 times.take(int(readings.t_ns.min()), int(readings.t_ns.max()))
                 size += readings.nbytes
@@ -134,7 +149,8 @@ class PlacedSession:
         dropped = {**self._bad_poses, **placer.dropped}
         if times.last_ns is None or times.first_ns is None:
             why = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
-            raise BadInput(f"not one reading can be mapped: {why} (found: {self._found})")
+            text = f"not one reading can be mapped: {why} (found: {self._found})"
+            raise BadInput("; ".join([text, *self._selection.notes]))
         used = dict(placer.used)
         return Counts(placer.readings, used, dropped, times.first_ns, times.last_ns)
 
@@ -157,7 +173,7 @@ class _Knowledge:
     def __init__(self, config: MappingConfig, kept_bytes: int) -> None:
         self._config, self._room_bytes = config, kept_bytes
         self._motion = MotionGatherer(round(config.pose.max_gap_s * NS_PER_S))
-        self._first: dict[str, Range | Scan] = {}
+        self._survey = Survey()
         self._counts: Counter[str] = Counter()
         self._times = _Span()
         self._size = 0
@@ -165,27 +181,34 @@ class _Knowledge:
 
     def take(self, block: Block) -> None:
         """Note what a block holds, and keep its readings while there is room."""
-        self._motion.take(block)
-        for name, reading in first_readings(block).items():
-            self._first.setdefault(name, reading)
+        given, block = block, timed(block, self._config)
+        self._survey.take(block)
         for each in block.columns:
             self._count(each)
             self._times.take(int(each.t_ns.min()), int(each.t_ns.max()))
-        readings = Block(block.of(RangeColumns) + block.of(ScanColumns))
+        readings = Block(given.of(RangeColumns) + given.of(ScanColumns))
         self._size += readings.nbytes
         if self._size > self._room_bytes:
             self.kept = None
         if self.kept is not None and readings.columns:
             self.kept.append(readings)
 
-    def placement(self) -> tuple[Placement, dict[str, int]]:
-        """What it comes to, and how many poses were left out, by reason."""
-        if not self._first:
+    def placement(self) -> tuple[Placement, dict[str, int], Selection]:
+        """What it comes to, how many poses were left out, by reason, and what is mapped."""
+        if not self._survey.readings:
             raise BadInput(f"no range readings in the session (found: {self.found})")
-        track, bad_poses = self._track()
+        selection = Selection(self._survey, self._config)
+        first = [Record(each.topic, 0, each.first) for each in self._survey.readings.values()]
+        motion = selection.motion()
+        self._motion.take(motion)
+        try:
+            track, bad_poses = self._track(motion, selection.config)
+        except BadInput as error:
+            raise BadInput("; ".join([str(error), *selection.notes])) from None
         frames = self._motion.frames()
-        settled = settled_sensors(self._first, frames, self._config)
-        return Placement(track, frames, tuple(settled.values())), bad_poses
+        of_each = first_readings(selection.readings(block_of(first)))
+        settled = settled_sensors(of_each, frames, selection.config)
+        return Placement(track, frames, tuple(settled.values())), bad_poses, selection
 
     @property
     def found(self) -> str:
@@ -202,14 +225,15 @@ class _Knowledge:
             name = next(name for kind, name in _NAMES if isinstance(columns, kind))
             self._counts[name] += len(columns)
 
-    def _track(self) -> tuple[MotionTrack, dict[str, int]]:
-        pose, motion = self._config.pose, self._motion
+    def _track(self, chosen: Block, config: MappingConfig) -> tuple[MotionTrack, dict[str, int]]:
+        pose, motion = config.pose, self._motion
         if pose.fixed is not None:
             assert self._times.first_ns is not None
             assert self._times.last_ns is not None
-            return fixed_track(self._config, self._times.first_ns, self._times.last_ns), {}
-        by_odometry = pose.topic == "/odom" or not self._counts["pose"]
-        if not self._counts["odometry" if by_odometry else "pose"]:
+            return fixed_track(config, self._times.first_ns, self._times.last_ns), {}
+        kinds = {each.by_odometry for each in chosen.of(PoseColumns) if len(each)}
+        by_odometry = pose.topic == "/odom" or False not in kinds
+        if by_odometry not in kinds:
             raise BadInput(f"no poses in the session (found: {self.found})")
         bad = motion.bad_poses[by_odometry]
         track = motion.track(by_odometry=by_odometry)

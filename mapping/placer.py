@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import LiveMotion
 from mapping.pending import Pending, SensorTable, first_readings
-from mapping.placing import resolve_sensors
-from mapping.poses import FrameTree, Track
 from mapping.readings import Readings
 from mapping.scan_reach import ScanReach, reach_of_rangers
+from mapping.sensors import resolve_sensors
 from mapping.tracks import Frames, Motions, MotionTrack
 from recorder.columns import Block, Floats, Ints
 from recorder.geometry import IDENTITY
@@ -272,6 +271,4 @@ def _mounted(sensor: Sensor, frames: Frames, t_ns: Ints) -> tuple[Motions, NDArr
 def settled_sensors(
     first: dict[str, Range | Scan], frames: Frames, config: MappingConfig
 ) -> dict[str, Sensor]:
-    nothing = Track([], [], 0)
-    moving = {child: (parent, nothing) for child, (parent, _) in frames.moving.items()}
-    return resolve_sensors(first.values(), FrameTree(dict(frames.static), moving), config)
+    return resolve_sensors(first.values(), frames.parent_of, config)

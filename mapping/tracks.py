@@ -1,6 +1,6 @@
 """Rigid motions as columns: where the robot and its frames were at many times at once.
 
-The twin of :mod:`mapping.poses` and :mod:`recorder.geometry`, operation for operation, so that each
+Operation for operation that of single motions in :mod:`recorder.geometry`, so that each
 value is the same to the bit. Cosines and sines come from :mod:`math` for the same reason.
 """
 
@@ -13,12 +13,21 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.poses import FARTHEST_M
 from recorder.columns import Floats, Ints, MotionColumns, elementwise
 from recorder.geometry import IDENTITY, SE2
 from recorder.messages import BASE_FRAME, Transform
 
 _EXACT_IN_DOUBLE = 1 << 53
+
+
+# No robot of ours is a thousand kilometres from its map's origin: such a pose is a fault.
+FARTHEST_M = 1e6
+
+
+def is_sane(pose: SE2) -> bool:
+    """Finite, and not absurdly far away."""
+    finite = all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.heading_rad))
+    return finite and max(abs(pose.x_m), abs(pose.y_m)) <= FARTHEST_M
 
 
 @dataclass(frozen=True, slots=True)

@@ -152,8 +152,8 @@ def _of_the_whole(session_stats: SessionStats) -> Iterator[str]:
         ) < min(t.first_ns for t in ranging):
             yield "the poses and the ranges are of different times"
     sensors = {r.sensor for r in session_stats.readings.values()}
-    if sensors and not session_stats.mounts:
-        yield f"nothing says where {', '.join(sorted(sensors))} sit on the robot (/tf_static)"
+    if sensors and not session_stats.mounts and not session_stats.moving:
+        yield f"no transform mounts {', '.join(sorted(sensors))} on the robot (/tf_static)"
 
 
 def _counted(session_stats: SessionStats) -> Iterator[str]:

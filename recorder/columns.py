@@ -109,11 +109,15 @@ class TransformColumns(MotionColumns):
     parent: str
     child: str
     static: bool
+    up: Floats
 
     def messages(self) -> list[Transform]:
         """The message of each row."""
-        rows = zip(self.t_ns.tolist(), self.motions(), strict=True)
-        return [Transform(t, self.parent, self.child, motion, self.static) for t, motion in rows]
+        rows = zip(self.t_ns.tolist(), self.motions(), self.up.tolist(), strict=True)
+        return [
+            Transform(t_ns, self.parent, self.child, motion, self.static, up)
+            for t_ns, motion, up in rows
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,13 +130,17 @@ class RangeColumns(Columns):
     min_range_m: Floats
     max_range_m: Floats
     radiation: Ints
+    frame: str = ""
 
     def messages(self) -> list[Range]:
         """The message of each row."""
         values = (self.range_m, self.beam_width_rad, self.min_range_m, self.max_range_m)
         rows = zip(*(each.tolist() for each in (self.t_ns, *values, self.radiation)), strict=True)
         return [
-            Range(t_ns, self.sensor, range_m, width_rad, min_m, max_m, _RADIATIONS[radiation])
+            Range(
+                t_ns, self.sensor, range_m, width_rad, min_m, max_m, _RADIATIONS[radiation],
+                self.frame,
+            )
             for t_ns, range_m, width_rad, min_m, max_m, radiation in rows
         ]
 
@@ -147,6 +155,7 @@ class ScanColumns(Columns):
     angle_increment_rad: Floats
     min_range_m: Floats
     max_range_m: Floats
+    frame: str = ""
 
     def messages(self) -> list[Scan]:
         """The message of each row; its ranges are a view."""
@@ -155,8 +164,10 @@ class ScanColumns(Columns):
         ranges_m = self.ranges_m.view()
         ranges_m.flags.writeable = False
         return [
-            Scan(t_ns, self.sensor, ranges, *limits)
-            for ranges, (t_ns, *limits) in zip(ranges_m, rows, strict=True)
+            Scan(t_ns, self.sensor, ranges, first_rad, step_rad, min_m, max_m, self.frame)
+            for ranges, (t_ns, first_rad, step_rad, min_m, max_m) in zip(
+                ranges_m, rows, strict=True
+            )
         ]
 
 
@@ -266,9 +277,9 @@ def columns_of(records: Iterable[tuple[int, Record]]) -> list[Columns]:
 def _source(message: Message) -> tuple[object, ...]:
     match message:
         case Range():
-            return Range, message.sensor
+            return Range, message.sensor, message.frame
         case Scan():
-            return Scan, message.sensor, len(message.ranges_m)
+            return Scan, message.sensor, message.frame, len(message.ranges_m)
         case Transform():
             return Transform, message.parent, message.child, message.static
         case _:
@@ -291,19 +302,20 @@ def _group(found: Sequence[tuple[int, Record]]) -> Columns:
             return RangeColumns(
                 topic, row, log_ns, t_ns, first.sensor, column("range_m"),
                 column("beam_width_rad"), column("min_range_m"), column("max_range_m"), radiation,
+                first.frame,
             )  # fmt: skip
         case Scan():
             return ScanColumns(
                 topic, row, log_ns, t_ns, first.sensor, column("ranges_m"),
                 column("angle_min_rad"), column("angle_increment_rad"), column("min_range_m"),
-                column("max_range_m"),
+                column("max_range_m"), first.frame,
             )  # fmt: skip
         case Pose() | Odometry() | Transform():
             x_m, y_m, heading_rad = _motions(messages)
             if isinstance(first, Transform):
                 return TransformColumns(
                     topic, row, log_ns, t_ns, x_m, y_m, heading_rad,
-                    first.parent, first.child, first.static,
+                    first.parent, first.child, first.static, column("up"),
                 )  # fmt: skip
             by_odometry = isinstance(first, Odometry)
             return PoseColumns(topic, row, log_ns, t_ns, x_m, y_m, heading_rad, by_odometry)

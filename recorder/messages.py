@@ -47,7 +47,10 @@ class Odometry:
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """One reading of one ranger. +Inf: nothing seen; -Inf: too close (ROS REP 117)."""
+    """One reading of one ranger. +Inf: nothing seen; -Inf: too close (ROS REP 117).
+
+    ``frame`` is where it was measured, if that is not called as the sensor is.
+    """
 
     t_ns: int
     sensor: str
@@ -56,11 +59,15 @@ class Range:
     min_range_m: float
     max_range_m: float
     radiation: Radiation
+    frame: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """One sweep of a 2D lidar: ``ranges_m`` (N,) at ``angle_min_rad + i * angle_increment_rad``."""
+    """One sweep of a 2D lidar: ``ranges_m`` (N,) at ``angle_min_rad + i * angle_increment_rad``.
+
+    ``frame`` is as of :class:`Range`.
+    """
 
     t_ns: int
     sensor: str
@@ -69,17 +76,23 @@ class Scan:
     angle_increment_rad: float
     min_range_m: float
     max_range_m: float
+    frame: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Transform:
-    """Where frame ``child`` stands in frame ``parent``: a mount (static) or a turning head."""
+    """Where frame ``child`` stands in frame ``parent``: a mount (static) or a turning head.
+
+    ``up`` is the share of the child's z axis along the parent's: 1 where both are level, -1 where
+    the child hangs upside down.
+    """
 
     t_ns: int
     parent: str
     child: str
     parent_from_child: SE2
     static: bool = True
+    up: float = 1.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,7 +26,7 @@ from recorder.columns import (
     elementwise,
 )
 from recorder.ros_layouts import Definition, Layout, layout_of, parse_definition
-from recorder.ros_types import _DIGITS, _sensor_name
+from recorder.ros_types import _DIGITS, LEAST_SQUARED, UNIT_LENGTH, named
 
 _MOST_LAYOUTS = 16  # of one channel; one that changes more often is read message by message
 _SCALE = 10.0**_DIGITS
@@ -181,14 +181,23 @@ def _motion_paths(position: str, rotation: str) -> dict[str, str]:
     return dict.fromkeys(paths, "<f8")
 
 
-def _motion(found: NDArray[np.void], position: str, rotation: str) -> tuple[Floats, Floats, Floats]:
-    """x and y in metres and yaw in radians, (N,) each; of a rotation in space, its yaw."""
+def _motion(
+    found: NDArray[np.void], position: str, rotation: str
+) -> tuple[tuple[Floats, Floats, Floats], Floats]:
+    """x and y in metres and yaw in radians, and how far up the z axis points, (N,) each.
+
+    See :func:`~recorder.ros_types.yaw_and_up`.
+    """
     x, y, z, w = (np.ascontiguousarray(found[f"{rotation}.{axis}"]) for axis in "xyzw")
-    with np.errstate(invalid="ignore", over="ignore"):
-        sine, cosine = 2 * (w * z + x * y), 1 - 2 * (y * y + z * z)
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        squared = x * x + y * y + z * z + w * w
+        squared[np.abs(squared - 1.0) <= UNIT_LENGTH] = 1.0
+        squared[~((squared >= LEAST_SQUARED) & (squared < np.inf))] = np.nan
+        sine, cosine = 2 * (w * z + x * y), squared - 2 * (y * y + z * z)
+        up: Floats = (squared - 2 * (x * x + y * y)) / squared
     yaw_rad = elementwise(math.atan2, sine, cosine)
     at_x, at_y = (np.ascontiguousarray(found[f"{position}.{axis}"]) for axis in "xy")
-    return at_x, at_y, yaw_rad
+    return (at_x, at_y, yaw_rad), up
 
 
 def _poses(pose: str, *, by_odometry: bool) -> tuple[Callable[[Layout], dict[str, str]], _Read]:
@@ -198,7 +207,7 @@ def _poses(pose: str, *, by_odometry: bool) -> tuple[Callable[[Layout], dict[str
         return _stamp_paths(layout, "header") | _motion_paths(position, rotation)
 
     def read(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]) -> list[Columns]:
-        motion = _motion(found, position, rotation)
+        motion, _ = _motion(found, position, rotation)
         t_ns = _t_ns(found, "header")
         return [PoseColumns(topic, rows.row, rows.log_ns, t_ns, *motion, by_odometry)]
 
@@ -212,16 +221,17 @@ def _range_paths(layout: Layout) -> dict[str, str]:
 
 
 def _read_ranges(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]) -> list[Columns]:
-    sensor = _sensor_name(topic, layout.texts["header.frame_id"])
+    sensor, frame = named(topic, layout.texts["header.frame_id"])
     limits = ("field_of_view", "min_range", "max_range")
     width_rad, min_m, max_m = (_mostly_one(found[name], rounded) for name in limits)
     radiation = np.minimum(found["radiation_type"], 1).astype(np.int64)
     range_m, t_ns = rounded(found["range"]), _t_ns(found, "header")
     return [
         RangeColumns(
-            topic, rows.row, rows.log_ns, t_ns, sensor, range_m, width_rad, min_m, max_m, radiation
+            topic, rows.row, rows.log_ns, t_ns, sensor, range_m, width_rad, min_m, max_m,
+            radiation, frame,
         )
-    ]
+    ]  # fmt: skip
 
 
 def _scan_paths(layout: Layout) -> dict[str, str]:
@@ -230,11 +240,17 @@ def _scan_paths(layout: Layout) -> dict[str, str]:
 
 
 def _read_scans(layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]) -> list[Columns]:
-    sensor = _sensor_name(topic, layout.texts["header.frame_id"])
-    angles = [_mostly_one(found[name], _plain) for name in ("angle_min", "angle_increment")]
-    limits = [_mostly_one(found[name], rounded) for name in ("range_min", "range_max")]
+    sensor, frame = named(topic, layout.texts["header.frame_id"])
+    angles = ("angle_min", "angle_increment")
+    first_rad, step_rad = (_mostly_one(found[name], _plain) for name in angles)
+    min_m, max_m = (_mostly_one(found[name], rounded) for name in ("range_min", "range_max"))
     ranges_m, t_ns = _plain(found["ranges"]), _t_ns(found, "header")
-    return [ScanColumns(topic, rows.row, rows.log_ns, t_ns, sensor, ranges_m, *angles, *limits)]
+    return [
+        ScanColumns(
+            topic, rows.row, rows.log_ns, t_ns, sensor, ranges_m, first_rad, step_rad, min_m, max_m,
+            frame,
+        )
+    ]  # fmt: skip
 
 
 def _transform_names(layout: Layout) -> Iterable[str]:
@@ -252,15 +268,20 @@ def _transform_paths(layout: Layout) -> dict[str, str]:
 def _read_transforms(
     layout: Layout, topic: str, rows: Rows, found: NDArray[np.void]
 ) -> list[Columns]:
-    return [
-        TransformColumns(
-            topic, rows.row, rows.log_ns, _t_ns(found, f"{name}.header"),
-            *_motion(found, f"{name}.transform.translation", f"{name}.transform.rotation"),
-            layout.texts[f"{name}.header.frame_id"], layout.texts[f"{name}.child_frame_id"],
-            topic.endswith("tf_static"),
+    columns: list[Columns] = []
+    for name in _transform_names(layout):
+        place, turn = f"{name}.transform.translation", f"{name}.transform.rotation"
+        motion, up = _motion(found, place, turn)
+        parent = layout.texts[f"{name}.header.frame_id"].lstrip("/")
+        child = layout.texts[f"{name}.child_frame_id"].lstrip("/")
+        t_ns = _t_ns(found, f"{name}.header")
+        static = topic.endswith("tf_static")
+        columns.append(
+            TransformColumns(
+                topic, rows.row, rows.log_ns, t_ns, *motion, parent, child, static, up
+            )
         )
-        for name in _transform_names(layout)
-    ]  # fmt: skip
+    return columns
 
 
 def _read_texts(definition: Definition, topic: str, rows: Rows) -> tuple[list[Columns], Rows]:

@@ -139,9 +139,9 @@ class Layout:
 
 def layout_of(definition: Definition, data: bytes) -> Layout | None:
     """The layout of one message; None where it does not hold what is defined."""
-    if len(data) < _HEAD_BYTES or not data[1] & 1:  # big-endian
+    if len(data) < _HEAD_BYTES or data[0] or not data[1] & 1:  # compressed, or big-endian
         return None
-    layout = Layout(fixed=[(1, data[1:2])])
+    layout = Layout(fixed=[(0, data[:2])])
     try:
         _Walk(data, layout).through(definition.fields, "")
     except (struct.error, UnicodeDecodeError, OverflowError):

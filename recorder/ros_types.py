@@ -38,6 +38,8 @@ from recorder.ros_definitions import DEFINITIONS
 
 # A float32 holds about seven digits: those that it does not hold are noise of the conversion.
 _DIGITS = 7
+UNIT_LENGTH = 1e-6  # so far from one the square of a length may be by rounding alone
+LEAST_SQUARED = 1e-12
 _LITTLE_ENDIAN = b"\0\1\0\0"  # what CDR begins with
 
 
@@ -122,7 +124,7 @@ def _odometry_fields(m: Any) -> dict[str, Any]:
 
 def _range_cdr(m: Range) -> bytes:
     """A reading as bytes: hundreds come each second, and the library takes ten times as long."""
-    frame = m.sensor.encode() + b"\0"
+    frame = (m.frame or m.sensor).encode() + b"\0"
     stamp = _stamp(m.t_ns)
     head = struct.pack("<iII", stamp["sec"], stamp["nanosec"], len(frame)) + frame
     head += bytes([min(int(m.radiation), 1)])
@@ -133,7 +135,7 @@ def _range_cdr(m: Range) -> bytes:
 def _scan_fields(m: Any) -> dict[str, Any]:
     last = m.angle_min_rad + m.angle_increment_rad * (len(m.ranges_m) - 1)
     return {
-        "header": _header(m.t_ns, m.sensor),
+        "header": _header(m.t_ns, m.frame or m.sensor),
         "angle_min": m.angle_min_rad,
         "angle_max": last,
         "angle_increment": m.angle_increment_rad,
@@ -148,9 +150,12 @@ def _scan_fields(m: Any) -> dict[str, Any]:
 
 def _transform_fields(m: Any) -> dict[str, Any]:
     motion = m.parent_from_child
+    rotation = _quaternion(motion.heading_rad)
+    if m.up < 0.0:  # rolled by 180 degrees first
+        rotation = {"x": rotation["w"], "y": rotation["z"], "z": 0.0, "w": 0.0}
     transform = {
         "translation": {"x": motion.x_m, "y": motion.y_m, "z": 0.0},
-        "rotation": _quaternion(motion.heading_rad),
+        "rotation": rotation,
     }
     stamped = {"header": _header(m.t_ns, m.parent), "child_frame_id": m.child}
     return {"transforms": [{**stamped, "transform": transform}]}
@@ -197,13 +202,32 @@ def _t_ns(header: Any) -> int:
 
 
 def _se2(position: Any, q: Any) -> SE2:
-    """A planar pose; of a rotation in space, its yaw."""
-    yaw = math.atan2(2 * (q.w * q.z + q.x * q.y), 1 - 2 * (q.y * q.y + q.z * q.z))
-    return SE2(float(position.x), float(position.y), yaw)
+    """A planar pose; of a rotation in space, its yaw; NaN where it is no rotation."""
+    return SE2(float(position.x), float(position.y), yaw_and_up(q.x, q.y, q.z, q.w)[0])
+
+
+def yaw_and_up(x: float, y: float, z: float, w: float) -> tuple[float, float]:
+    """The heading of the x axis, radians, and the share of the z axis that still points up.
+
+    Of a quaternion of any length, as if it had length one: many drivers round theirs, or send
+    sums. One of length zero, or that is not finite, is no rotation: both are NaN.
+    """
+    squared = x * x + y * y + z * z + w * w
+    if abs(squared - 1.0) <= UNIT_LENGTH:  # nothing to divide by, so that nothing is rounded
+        squared = 1.0
+    elif not LEAST_SQUARED <= squared < math.inf:
+        return math.nan, math.nan
+    yaw_rad = math.atan2(2 * (w * z + x * y), squared - 2 * (y * y + z * z))
+    return yaw_rad, (squared - 2 * (x * x + y * y)) / squared
 
 
 def _read_pose(m: Any, topic: str, publish_ns: int) -> list[Message]:
     return [Pose(_t_ns(m.header), _se2(m.pose.position, m.pose.orientation))]
+
+
+def _read_pose_with_covariance(m: Any, topic: str, publish_ns: int) -> list[Message]:
+    pose = m.pose.pose
+    return [Pose(_t_ns(m.header), _se2(pose.position, pose.orientation))]
 
 
 def _read_odometry(m: Any, topic: str, publish_ns: int) -> list[Message]:
@@ -219,16 +243,28 @@ def _sensor_name(topic: str, frame: str) -> str:
     return (frame or topic.strip("/")).replace("/", "_")
 
 
+def named(topic: str, frame_id: str) -> tuple[str, str]:
+    """A sensor and its frame, "" where the frame is called as the sensor.
+
+    A leading slash is a habit of ROS 1 that names the same frame.
+    """
+    frame = frame_id.lstrip("/")
+    sensor = _sensor_name(topic, frame)
+    return sensor, "" if frame == sensor else frame
+
+
 def _read_range(m: Any, topic: str, publish_ns: int) -> list[Message]:
+    sensor, frame = named(topic, m.header.frame_id)
     return [
         Range(
             t_ns=_t_ns(m.header),
-            sensor=_sensor_name(topic, m.header.frame_id),
+            sensor=sensor,
             range_m=round(float(m.range), _DIGITS),
             beam_width_rad=round(float(m.field_of_view), _DIGITS),
             min_range_m=round(float(m.min_range), _DIGITS),
             max_range_m=round(float(m.max_range), _DIGITS),
             radiation=Radiation(min(int(m.radiation_type), 1)),
+            frame=frame,
         )
     ]
 
@@ -236,30 +272,36 @@ def _read_range(m: Any, topic: str, publish_ns: int) -> list[Message]:
 def _read_scan(m: Any, topic: str, publish_ns: int) -> list[Message]:
     ranges = np.asarray(m.ranges, np.float32).astype(np.float64)
     ranges.flags.writeable = False
+    sensor, frame = named(topic, m.header.frame_id)
     return [
         Scan(
             t_ns=_t_ns(m.header),
-            sensor=_sensor_name(topic, m.header.frame_id),
+            sensor=sensor,
             ranges_m=ranges,
             angle_min_rad=float(m.angle_min),
             angle_increment_rad=float(m.angle_increment),
             min_range_m=round(float(m.range_min), _DIGITS),
             max_range_m=round(float(m.range_max), _DIGITS),
+            frame=frame,
         )
     ]
 
 
 def _read_transforms(m: Any, topic: str, publish_ns: int) -> list[Message]:
-    return [
-        Transform(
-            t_ns=_t_ns(t.header),
-            parent=t.header.frame_id,
-            child=t.child_frame_id,
-            parent_from_child=_se2(t.transform.translation, t.transform.rotation),
-            static=topic.endswith("tf_static"),
-        )
-        for t in m.transforms
-    ]
+    return [_read_transform(t, static=topic.endswith("tf_static")) for t in m.transforms]
+
+
+def _read_transform(t: Any, *, static: bool) -> Transform:
+    at, q = t.transform.translation, t.transform.rotation
+    yaw_rad, up = yaw_and_up(q.x, q.y, q.z, q.w)
+    return Transform(
+        t_ns=_t_ns(t.header),
+        parent=t.header.frame_id.lstrip("/"),
+        child=t.child_frame_id.lstrip("/"),
+        parent_from_child=SE2(float(at.x), float(at.y), yaw_rad),
+        static=static,
+        up=up,
+    )
 
 
 def _read_raw(m: Any, topic: str, publish_ns: int) -> list[Message]:
@@ -274,6 +316,7 @@ def _read_diagnostics(m: Any, topic: str, publish_ns: int) -> list[Message]:
 
 _READERS: dict[str, Callable[[Any, str, int], list[Message]]] = {
     "geometry_msgs/msg/PoseStamped": _read_pose,
+    "geometry_msgs/msg/PoseWithCovarianceStamped": _read_pose_with_covariance,
     "nav_msgs/msg/Odometry": _read_odometry,
     "sensor_msgs/msg/Range": _read_range,
     "sensor_msgs/msg/LaserScan": _read_scan,

@@ -6,12 +6,17 @@ import datetime
 from collections.abc import Callable, Iterator, Mapping
 
 from recorder.anomalies import anomalies
+from recorder.columns import block_of
+from recorder.errors import BadInput
+from recorder.messages import Record
 from recorder.session import SessionReader
 from recorder.session.parts import PART, parts_beside
 from recorder.session.stats import Readings, SessionStats, Times, Track
+from recorder.sources import Asked, Survey, choose
 
 _LONGEST_VALUE = 100
 _PROGRESS_EVERY = 2000
+_TOGETHER = 1000  # records that are looked at as columns
 _FIRST_PLAUSIBLE_S = 86_400 * 365  # earlier times are not counted from 1970
 
 
@@ -23,19 +28,27 @@ def summary_lines(
     The session is gone through once, in constant memory; ``progress(bytes)`` is called now and
     then. Raises BadInput, before the first line, where nothing of the file can be used.
     """
-    session_stats = SessionStats()
+    session_stats, survey = SessionStats(), Survey()
+    batch: list[Record] = []
     for number, record in enumerate(reader.records()):
         session_stats.take(record)
+        batch.append(record)
+        if len(batch) == _TOGETHER:
+            survey.take(block_of(batch, number))
+            batch = []
         if progress is not None and number % _PROGRESS_EVERY == 0:
             progress(reader.position)
+    survey.take(block_of(batch, session_stats.understood))
     yield f"{reader.path.name}: {counted(reader.messages, 'message')}{_when(session_stats)}"
     for channel in sorted(reader.channels.values(), key=lambda c: c.topic):
         text = f"{channel.messages:7}"
         if channel.understood:
             yield f"  {channel.topic:20} {text}  {_describe(channel.topic, session_stats)}".rstrip()
         else:
-            kind = channel.type_name or "no definition"
-            yield f"  {channel.topic:20} {text}  not understood ({kind})"
+            kind = channel.type_name or "no type"
+            why = f": {channel.why_not}" if channel.why_not else ""
+            yield f"  {channel.topic:20} {text}  not understood ({kind}{why})"
+    yield from _sources(survey)
     yield from _metadata(reader.metadata)
     for name, data in reader.attachments.items():
         yield f"  attachment {name}, {counted(len(data), 'byte')}"
@@ -48,6 +61,20 @@ def summary_lines(
     yield from (f"  lost: {reason}" for reason in reader.damage)
 
 
+def _sources(survey: Survey) -> Iterator[str]:
+    """What a map would be made of, and why; what could not be without a choice."""
+    if not survey.readings:
+        return
+    try:
+        sources = choose(survey, Asked())
+    except BadInput as error:
+        yield f"  odd: it cannot be mapped without a choice: {error}"
+        return
+    yield from (f"  mapped from {line}" for line in sources.lines())
+    yield from (f"  not mapped: {line}" for line in sources.left_out)
+    yield from (f"  odd: {note}" for note in sources.notes)
+
+
 def counted(number: int, thing: str) -> str:
     """``1 message``, ``2 messages``."""
     return f"{number} {thing}{'s' * (number != 1)}"
@@ -55,9 +82,14 @@ def counted(number: int, thing: str) -> str:
 
 def _when(session_stats: SessionStats) -> str:
     """Begin and length of a session."""
-    measured = [times for topic, times in session_stats.times.items() if topic != "/tf_static"]
+    measured = [
+        times for topic, times in session_stats.times.items() if not topic.endswith("tf_static")
+    ]
     if not measured:
         return ""
+    # a channel without stamps would make a length of half a century
+    stamped = [times for times in measured if times.first_ns / 1e9 > _FIRST_PLAUSIBLE_S]
+    measured = stamped or measured
     first_ns = min(times.first_ns for times in measured)
     last_ns = max(times.newest_ns for times in measured)
     text = f", {(last_ns - first_ns) / 1e9:.1f} s"

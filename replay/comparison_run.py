@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from mapping.artifacts import Artifact
 from mapping.pipeline import build_maps
 from mapping.placed_session import place_session
+from mapping.selection import selected
 from recorder.errors import BadInput
 from recorder.messages import Range, Scan
 from recorder.outputs import check_output
@@ -62,7 +63,8 @@ def compare_session(
         writer = _writer(variants, rrd, path.name)
         if writer is not None:
             stack.enter_context(writer)
-        moments = in_step(runs, session.messages())
+        order, _ = selected(session.records, variants[0].config)
+        moments = in_step(runs, order)
         total = sum(isinstance(record.message, Range | Scan) for record in session.records)
         for moment in with_progress(moments, lambda m: bool(beams_of(m)), progress, total):
             if writer is not None:
@@ -73,10 +75,10 @@ def compare_session(
                 collectors[name](artifact)
             distances.take(moment)
     for variant in variants if exporters else ():
-        exporters[variant.name].close(poses_of(place_session(session.messages(), variant.config)))
+        exporters[variant.name].close(poses_of(place_session(session.records, variant.config)))
     left_out = "" if writer is None else writer.left_out
     results = {
-        name: result_of(collector, session.damage, left_out)
+        name: result_of(collector, session.damage, left_out, notes=session.notes)
         for name, collector in collectors.items()
     }
     return Comparison(results, distances)
@@ -92,7 +94,7 @@ def _named(variant: Variant, session: Session) -> Iterator[Artifact]:
     """A run whose troubles bear its name."""
     try:
         yield from build_maps(
-            session.messages(), variant.config, walls_m=true_walls(session.attachments)
+            session.records, variant.config, walls_m=true_walls(session.attachments)
         )
     except BadInput as error:
         raise BadInput(f"{variant.name}: {error}") from None

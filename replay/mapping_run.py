@@ -15,6 +15,7 @@ from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
 from mapping.placed_session import place_session
 from mapping.probing import CellProbe
+from recorder.errors import BadInput
 from recorder.outputs import check_output
 from recorder.session.columns import open_session
 from recorder.truth import true_walls
@@ -44,6 +45,7 @@ class RunResult:
     probes: tuple[CellProbe, ...] = ()
     rrd: Path | None = None
     clearest: str = ""  # the layer to look at first
+    notes: tuple[str, ...] = ()  # what was taken otherwise than it came, or assumed
 
 
 def map_session(
@@ -69,8 +71,12 @@ def map_session(
     if bag is not None:
         check_output(bag, (path, *more), force=force)
     session = open_session(path, *more)
-    placed = place_session(session, config)
-    total, count = placed.counts.readings, _every_now_and_then(progress, placed.counts.readings)
+    try:
+        placed = place_session(session, config)
+        counts = placed.counts
+    except BadInput as error:
+        raise BadInput("; ".join([str(error), *session.damage[:1]])) from None
+    total, count = counts.readings, _every_now_and_then(progress, counts.readings)
     artifacts = build_maps(
         placed, config, walls_m=true_walls(session.attachments), merged=count,
         watched=rrd is not None or bool(probes), threads=cores(),
@@ -101,7 +107,9 @@ def map_session(
         layers = [snapshot.layer for snapshot in collector.snapshots.values()]
         write_bag(bag, layers, poses, force=force)
     left_out = "" if writer is None else writer.left_out
-    return result_of(collector, session.damage, left_out, probes=followed, rrd=rrd)
+    return result_of(
+        collector, session.damage, left_out, probes=followed, rrd=rrd, notes=session.notes
+    )
 
 
 def cores() -> int:
@@ -159,10 +167,11 @@ def result_of(
     *,
     probes: tuple[CellProbe, ...] = (),
     rrd: Path | None = None,
+    notes: tuple[str, ...] = (),
 ) -> RunResult:
     """What a run came to, once it is finished."""
     assert collector.finished is not None, "the last artifact of a run is Finished"
     return RunResult(
         tuple(collector.snapshots.values()), tuple(collector.segments), collector.finished,
-        damage, left_out, probes, rrd, collector.clearest,
+        damage, left_out, probes, rrd, collector.clearest, (*notes, *collector.finished.notes),
     )  # fmt: skip

@@ -19,6 +19,7 @@ DOORS = {
     "serial": ("recorder/link.py",),
     "mcap": ("recorder/session/",),
     "mcap_ros2": ("recorder/ros_types.py",),
+    "rosbags": ("recorder/session/other_bags.py",),
     "numba": ("mapping/kernels/", "mapping/line_kernels/", "replay/rrd/value_log/kernels.py"),
     "rerun": ("replay/rrd/",),
 }

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from naive_live_placing import LivePlacer
+from naive_placing import place
 
 from mapping.artifacts import Artifact, Finished, MergedGrid, Snapshot, Started
 from mapping.beams import Beam
 from mapping.config import MappingConfig, load_config
 from mapping.live_pipeline import build_live_maps
-from mapping.live_placing import LivePlacer
 from mapping.pipeline import build_maps
-from mapping.placing import place
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range

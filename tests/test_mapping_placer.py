@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from naive_live_placing import LivePlacer
+from naive_placing import Placed, place
+from naive_poses import Track
 
 from mapping.beams import Beam
 from mapping.config import MappingConfig, load_config
-from mapping.live_placing import LivePlacer
 from mapping.pipeline import box_of
 from mapping.placed_session import PlacedSession, Source
 from mapping.placer import Placer
-from mapping.placing import Placed, place
-from mapping.poses import Track
 from mapping.readings import Readings
 from mapping.sensor_model import stretch_of
 from mapping.tracks import Motions, MotionTrack
@@ -94,9 +94,10 @@ def outcome(run: Callable[[], object]) -> object:
 
 
 def assert_placed_the_same(
-    messages: Sequence[Message], configuration: MappingConfig, found_in: Source
+    session_: Sequence[Message | Record], configuration: MappingConfig, found_in: Source
 ) -> Placed | None:
-    wanted = outcome(lambda: place(messages, configuration))
+    records = [r if isinstance(r, Record) else Record(topic_of(r), r.t_ns, r) for r in session_]
+    wanted = outcome(lambda: place(records, configuration))
     session = outcome(lambda: PlacedSession(found_in, configuration))
     counts = outcome(lambda: session.counts if isinstance(session, PlacedSession) else session)
     if not isinstance(wanted, Placed):
@@ -121,8 +122,8 @@ def assert_placed_the_same(
 @pytest.mark.parametrize("name", ["room", "l-room"])
 def test_the_logs(name: str, settings_: list[str]) -> None:
     path = ROOT / "logs" / f"{name}.mcap"
-    messages = list(read_session(path).messages())
-    assert assert_placed_the_same(messages, config(*settings_), OpenSession(path).blocks)
+    records = read_session(path).records
+    assert assert_placed_the_same(records, config(*settings_), OpenSession(path).blocks)
 
 
 @pytest.mark.real_data
@@ -131,9 +132,9 @@ def test_files_of_other_people(folder: str) -> None:
     files = sorted((SHARED / folder).glob("*.mcap"))
     assert files
     for file in files:
-        messages = list(read_session(file).messages())
+        records = read_session(file).records
         for settings_ in CONFIGURATIONS[: 7 if "cases" in folder else 1]:
-            assert_placed_the_same(messages, config(*settings_), OpenSession(file).blocks)
+            assert_placed_the_same(records, config(*settings_), OpenSession(file).blocks)
 
 
 @pytest.mark.parametrize("settings_", CONFIGURATIONS)

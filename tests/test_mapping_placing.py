@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from naive_placing import Placed, place
+from naive_poses import Track
 
 from mapping.config import load_config
 from mapping.pipeline import MARGIN_M, build_maps, geometry_of
 from mapping.placed_session import place_session
-from mapping.placing import Placed, place
-from mapping.poses import Track
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Scan, Transform

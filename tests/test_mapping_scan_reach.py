@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from naive_live_placing import LivePlacer
+from naive_placing import place
 
 from mapping.artifacts import Segment, Snapshot, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config import load_config
-from mapping.live_placing import LivePlacer
 from mapping.pipeline import build_maps
-from mapping.placing import place
 from mapping.scan_reach import ScanReach
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Scan

@@ -89,6 +89,9 @@ def test_a_good_run_has_nothing_odd(tmp_path: Path) -> None:
         "  /range/dirrs             200     20.0/s  no gaps  infrared 0.30 to 0.70 m, 0 saw none",
         "  /range/ping              200     20.0/s  no gaps  ultrasound 0.50 to 1.50 m, 0 saw none",
         "  /tf_static                 2",
+        "  mapped from poses: /pose (taken where there is one)",
+        "  mapped from readings: /range/ping as sensors.ping (frame ping < base_link)",
+        "  mapped from readings: /range/dirrs as sensors.dirrs (frame dirrs < base_link)",
         "  protocol = echogrid",
     ]
 
@@ -183,7 +186,7 @@ CASES: dict[str, tuple[list[Message], str]] = {
     ),
     "still": (poses(lambda i: pose(i, 0.0)), "/pose: never changes"),
     "no finite pose": (poses(lambda i: pose(i, math.nan)), "/pose: 200 poses are not finite"),
-    "no mounts": (good_run()[2:], "nothing says where dirrs, ping sit on the robot"),
+    "no mounts": (good_run()[2:], "no transform mounts dirrs, ping on the robot"),
     "no poses": ([m for m in good_run() if not isinstance(m, Pose)], "no poses: nothing can be"),
     "no ranges": ([m for m in good_run() if not isinstance(m, Range)], "no ranges: there is"),
     "other times": (

@@ -12,16 +12,16 @@ import pytest
 from comparison_support import COARSE, names, short_session, toml
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from naive_live_placing import LivePlacer
+from naive_placing import laid_on
+from naive_poses import Track
 
 from echogrid import main
 from mapping.artifacts import Segment, Snapshot, Started, TempGrid
 from mapping.config import load_config
 from mapping.fusion import FUSED
 from mapping.grid import GridGeometry, Layer
-from mapping.live_placing import LivePlacer
 from mapping.pipeline import build_maps
-from mapping.placing import laid_on
-from mapping.poses import Track
 from mapping.update_rules import UPDATE_RULES
 from recorder.errors import BadInput
 from recorder.geometry import SE2

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from naive_placing import place
 
 from echogrid import main
 from mapping.artifacts import MergedGrid, Snapshot, Started, TempGrid
 from mapping.config import MappingConfig, load_config, unused_keys
 from mapping.pipeline import build_maps
-from mapping.placing import place
 from mapping.plugins import load_plugin
 from mapping.sensor_model import SENSOR_MODELS, make_temp_grid
 from mapping.update_rules import UPDATE_RULES

@@ -17,15 +17,15 @@ from recorder.cli.progress import progress_bar
 def info(files: tuple[Path, ...], quiet: bool) -> int:
     """Show what is in a session, and what is wrong with it.
 
-    That is rates, gaps, odd channels and losses.
+    That is rates, gaps, what a map would be made of, odd channels and losses.
 
     Exit code 0: all of it can be read; 1: something is lost; 2: it cannot be used.
     """
-    from recorder.session import SessionReader
+    from recorder.session import SessionReader, session_files
     from recorder.summary import summary_lines
 
     damaged = False
-    for file in files:
+    for file in session_files(*files):
         reader = SessionReader(file)
         size = file.stat().st_size if file.exists() else None
         with progress_bar(f"reading {file.name}", quiet=quiet) as advance:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from recorder.errors import BadInput
 from recorder.session.join import join_sessions
+from recorder.session.opening import session_files
 from recorder.session.parts import Limits, PartedWriter
 from recorder.session.reader import Session, SessionReader
 from recorder.session.scan import MAGIC
@@ -18,18 +19,18 @@ from recorder.session.writer import SessionWriter
 
 __all__ = [
     "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter", "looks_like_session",
-    "read_session",
+    "read_session", "session_files",
 ]  # fmt: skip
 
 
 def read_session(path: Path, *more: Path) -> Session:
     """Read a session as far as it goes; ``damage`` lists what was lost.
 
-    With ``more`` files, parts of the recording or other recordings, all are one session: see
-    :func:`~recorder.session.join.join_sessions`. Raises BadInput, in one line, where a file is no
-    session or nothing of it can be used.
+    A folder is a bag as rosbag2 leaves it: its files. With ``more`` files, parts of the recording
+    or other recordings, all are one session: see :func:`~recorder.session.join.join_sessions`.
+    Raises BadInput, in one line, where a file is no session or nothing of it can be used.
     """
-    return join_sessions([_read(each) for each in (path, *more)])
+    return join_sessions([_read(each) for each in session_files(path, *more)])
 
 
 def looks_like_session(path: Path) -> bool:

@@ -37,6 +37,7 @@ from recorder.ros_columns import KIND_OF_TYPE, ChannelColumns, Rows, gathered
 from recorder.session import Session, read_session
 from recorder.session.chunks import FIXED_BYTES, ChunkScan, Stretch
 from recorder.session.frames import FRAME
+from recorder.session.opening import opened, session_files
 from recorder.session.reader import SessionReader
 
 _BATCH_BYTES = 1 << 18  # small chunks are decoded together: arrays of a few rows cost too much
@@ -68,10 +69,7 @@ class ColumnReader(SessionReader):
         not known whether it could be. Raises BadInput as :meth:`records` does.
         """
         try:
-            size = self.path.stat().st_size
-            if size == 0:
-                raise BadInput(f"{self.path}: an empty file, not a session")
-            with self.path.open("rb") as file:
+            with opened(self.path) as (file, size):
                 yield from self._through(file, size, choice)
         except OSError as error:
             raise BadInput(f"{self.path}: {error.strerror or error}") from None
@@ -85,8 +83,7 @@ class ColumnReader(SessionReader):
             raise BadInput(f"{self.path}: {error}") from None
         if self._damage and not (self.channels or self.metadata or self.attachments):
             raise BadInput(f"{self.path}: nothing in it can be read ({self.damage[0]})")
-        for topic, count in self._undecoded.items():
-            self._damage.note(f"{topic}: {count} messages cannot be decoded")
+        self._note_undecoded()
 
     def _batches(self, scan: ChunkScan, choice: Choice) -> Iterator[Block]:
         pending: list[Stretch] = []
@@ -212,6 +209,11 @@ class OpenSession:
         return chain.from_iterable(block.records() for block in self.blocks(choice))
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """How several files became one: this is one."""
+        return ()
+
+    @property
     def metadata(self) -> Mapping[str, object]:
         """What was noted of the recording."""
         return self.reader.metadata
@@ -233,6 +235,7 @@ class KeptSession:
     def __init__(self, session: Session) -> None:
         self.path, self.metadata = session.path, session.metadata
         self.attachments, self.damage = session.attachments, session.damage
+        self.notes = session.notes
         self._records = session.records
 
     def blocks(self, choice: Choice = ALL) -> Iterator[Block]:
@@ -246,7 +249,8 @@ class KeptSession:
 
 def open_session(path: Path, *more: Path) -> OpenSession | KeptSession:
     """A session of one file, read when it is gone through; or of several, which are read now."""
-    return KeptSession(read_session(path, *more)) if more else OpenSession(path)
+    files = session_files(path, *more)
+    return KeptSession(read_session(*files)) if len(files) > 1 else OpenSession(files[0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 from mcap.exceptions import McapError
 
@@ -18,6 +19,8 @@ LIBRARY = "echogrid"
 METADATA = "echogrid"
 RECOVERED = "echogrid.recovered"
 ATTACHED = "echogrid.attachment"  # earlier sessions hold a checksum of each attachment so
+ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_LZ4_MAGIC = b"\x04\x22\x4d\x18"
 # Whatever the libraries raise on damaged bytes; no common base covers them.
 UNREADABLE = (
     McapError, zstandard.ZstdError, struct.error, ValueError, KeyError, RuntimeError,
@@ -45,6 +48,18 @@ class Damage:
             reason if count == 1 else f"{reason} ({count} times)"
             for reason, count in self.reasons.items()
         )
+
+
+def plain_message(data: bytes) -> bytes:
+    """A message as it was before it was compressed by itself, as rosbag2 can.
+
+    Raises one of :data:`UNREADABLE` where it is damaged.
+    """
+    if data.startswith(ZSTD_MAGIC):
+        return zstandard.ZstdDecompressor().decompressobj().decompress(data)
+    if data.startswith(_LZ4_MAGIC):
+        return bytes(lz4.frame.decompress(data))
+    return data
 
 
 def checked_json(content: Mapping[str, object]) -> dict[str, str]:

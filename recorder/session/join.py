@@ -1,22 +1,26 @@
 """Several files read as one session: the parts of one recording, or several recordings.
 
-Parts are put in their order, without what a part repeats of the one before. Recordings that would
-overlap in time are moved apart, so that no reading meets a pose of another drive.
+Parts are put in their order, without what a part repeats of the one before. Files that follow each
+other in time, and those of several recorders of one run, keep their times. Recordings that have the
+same topics at the same time are of several drives: they are moved apart, so that no reading meets a
+pose of another drive.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from heapq import merge
 from itertools import groupby
 
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
-from recorder.messages import BASE_FRAME, Record, Transform
+from recorder.messages import BASE_FRAME, Odometry, Pose, Range, Record, Scan, Transform
 from recorder.session.parts import PART, repeated_as
 from recorder.session.reader import Session
 
 _APART_NS = 60 * NS_PER_S  # longer than any gap between poses that is bridged
+_SEAM_NS = 2 * NS_PER_S  # so long a message may be on its way when a recorder begins its next file
 _Key = tuple[str, ...]
 
 
@@ -42,14 +46,16 @@ def join_sessions(sessions: Sequence[Session]) -> Session:
     recordings = [
         _recording(list(group)) for _, group in groupby(in_order, key=lambda part: part.recording)
     ]
-    recordings.sort(key=_first_ns)
+    recordings.sort(key=lambda session: _Span.of(session).first_ns)
     _check_mounts(recordings)
-    records = tuple(_in_time(recordings))
+    shifted = list(_shifts(recordings))
+    records = tuple(_merged(shifted))
+    notes = tuple(_shift_note(*each) for each in shifted if each[1])
     first = recordings[0]
     metadata = {**first.metadata, "files": [session.path.name for session in sessions]}
     metadata.pop(PART, None)
     damage = [f"{_names(r)}{reason}" for r in recordings for reason in r.damage]
-    return Session(first.path, records, metadata, _attachments(sessions), tuple(damage))
+    return Session(first.path, records, metadata, _attachments(sessions), tuple(damage), notes)
 
 
 def _names(session: Session) -> str:
@@ -103,28 +109,91 @@ def _without_repeats(part: _Part, latest: Mapping[_Key, Record]) -> Iterator[Rec
             yield record
 
 
-def _first_ns(session: Session) -> int:
-    return min((record.message.t_ns for record in session.records), default=0)
+@dataclass(frozen=True, slots=True)
+class _Span:
+    """When something was measured and when it arrived, and on which topics."""
+
+    first_ns: int
+    last_ns: int
+    arrived_first_ns: int
+    arrived_last_ns: int
+    topics: frozenset[str]
+
+    @classmethod
+    def of(cls, session: Session) -> _Span:
+        """A mount has no time; nor has a message without a stamp, but for its arrival."""
+        timed = [
+            (record.message.t_ns or record.log_ns, record.log_ns)
+            for record in session.records if not _is_mount(record)
+        ] or [(0, 0)]  # fmt: skip
+        measured, arrived = zip(*timed, strict=True)
+        topics = frozenset(
+            record.topic for record in session.records
+            if isinstance(record.message, Pose | Odometry | Range | Scan)
+        )  # fmt: skip
+        return cls(min(measured), max(measured), min(arrived), max(arrived), topics)
+
+    def later(self, shift_ns: int) -> _Span:
+        """The same, moved."""
+        return _Span(
+            self.first_ns + shift_ns, self.last_ns + shift_ns, self.arrived_first_ns + shift_ns,
+            self.arrived_last_ns + shift_ns, self.topics,
+        )  # fmt: skip
+
+    def beside(self, other: _Span) -> bool:
+        """Whether the two may share a time line as they are.
+
+        One follows the other, but for what is on its way where a recorder begins its next file; or
+        they are two recorders of one run, of which none has a topic of the other.
+        """
+        together_ns = min(self.last_ns, other.last_ns) - max(self.first_ns, other.first_ns)
+        arrived_ns = min(self.arrived_last_ns, other.arrived_last_ns) - max(
+            self.arrived_first_ns, other.arrived_first_ns
+        )
+        if together_ns < 0 or (arrived_ns < 0 and together_ns <= _SEAM_NS):
+            return True
+        return not self.topics & other.topics
 
 
-def _in_time(recordings: Iterable[Session]) -> Iterator[Record]:
-    """All records, each recording moved behind the one before where they would overlap."""
-    end_ns: int | None = None
+def _is_mount(record: Record) -> bool:
+    return isinstance(record.message, Transform) and record.message.static
+
+
+def _shifts(recordings: Sequence[Session]) -> Iterator[tuple[Session, int]]:
+    """How far each recording is moved: behind all before it, where it cannot lie beside them."""
+    placed: list[_Span] = []
     for session in recordings:
-        shift_ns = 0
-        if end_ns is not None and session.records:
-            shift_ns = max(0, end_ns + _APART_NS - _first_ns(session))
-        for record in session.records:
-            moved = _moved(record, shift_ns)
-            end_ns = max(end_ns or 0, moved.message.t_ns)
-            yield moved
+        span, shift_ns = _Span.of(session), 0
+        if session.records and not all(span.beside(other) for other in placed):
+            shift_ns = max(other.last_ns for other in placed) + _APART_NS - span.first_ns
+        placed.append(span.later(shift_ns))
+        yield session, shift_ns
+
+
+def _shift_note(session: Session, shift_ns: int) -> str:
+    return (
+        f"{session.path.name} is of the time of another file and has the same topics: taken as "
+        f"another drive, and moved {shift_ns / NS_PER_S:.3f} s behind"
+    )
 
 
 def _moved(record: Record, shift_ns: int) -> Record:
-    if shift_ns == 0:
+    if shift_ns == 0 or _is_mount(record):
         return record
     message = replace(record.message, t_ns=record.message.t_ns + shift_ns)
     return Record(record.topic, record.log_ns + shift_ns, message)
+
+
+def _merged(shifted: Sequence[tuple[Session, int]]) -> Iterator[Record]:
+    """All records in the order of their arrival; those of one file in their own."""
+    streams = [_stream(place, *each) for place, each in enumerate(shifted)]
+    return (record for _, _, record in merge(*streams, key=lambda found: found[:2]))
+
+
+def _stream(place: int, session: Session, shift_ns: int) -> Iterator[tuple[int, int, Record]]:
+    for record in session.records:
+        moved = _moved(record, shift_ns)
+        yield moved.log_ns, place, moved
 
 
 def _check_mounts(recordings: Iterable[Session]) -> None:

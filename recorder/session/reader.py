@@ -20,9 +20,12 @@ from recorder.ros_types import Decoder
 from recorder.session.format import (
     METADATA,
     RECOVERED,
+    UNREADABLE,
     Damage,
+    plain_message,
     read_checked_json,
 )
+from recorder.session.opening import opened
 from recorder.session.scan import SessionScan
 
 
@@ -35,6 +38,7 @@ class Session:
     metadata: Mapping[str, object]
     attachments: Mapping[str, bytes]
     damage: tuple[str, ...]
+    notes: tuple[str, ...] = ()  # how several files became one
 
     def messages(self) -> Iterator[Message]:
         """The messages in the order in which they reached the host."""
@@ -49,6 +53,7 @@ class ChannelCount:
     type_name: str
     messages: int = 0
     understood: bool = True
+    why_not: str = ""
 
 
 @dataclass(slots=True)
@@ -94,10 +99,7 @@ class SessionReader:
         Raises BadInput, in one line, where the file is none or nothing of it can be used.
         """
         try:
-            size = self.path.stat().st_size
-            if size == 0:
-                raise BadInput(f"{self.path}: an empty file, not a session")
-            with self.path.open("rb") as file:
+            with opened(self.path) as (file, size):
                 self._scan = SessionScan(file, size, self._damage)
                 yield from self._walk(self._scan)
         except OSError as error:
@@ -117,6 +119,15 @@ class SessionReader:
             raise BadInput(f"{self.path}: {error}") from None
         if self._damage and not (self.channels or self.metadata or self.attachments):
             raise BadInput(f"{self.path}: nothing in it can be read ({self.damage[0]})")
+        self._note_undecoded()
+
+    def _note_undecoded(self) -> None:
+        for channel in self.channels.values():
+            if channel.why_not and channel.messages:
+                self._damage.note(
+                    f"{channel.topic}: {channel.messages} messages of "
+                    f"{channel.type_name or 'no type'} cannot be decoded: {channel.why_not}"
+                )
         for topic, count in self._undecoded.items():
             self._damage.note(f"{topic}: {count} messages cannot be decoded")
 
@@ -127,8 +138,9 @@ class SessionReader:
         if decoder is None:
             return
         try:
-            decoded = decoder.decode(message.data, channel.topic, message.publish_time)
-        except BadInput:
+            data = plain_message(message.data)
+            decoded = decoder.decode(data, channel.topic, message.publish_time)
+        except (BadInput, *UNREADABLE):
             self._undecoded[channel.topic] += 1
             return
         for each in decoded:
@@ -140,13 +152,13 @@ class SessionReader:
             schema = scan.schemas.get(channel.schema_id)
             count = ChannelCount(channel.topic, "" if schema is None else schema.name)
             self.channels[channel.id] = count
+            count.why_not = _why_not(channel, schema)
             decoder = self._decoders[channel.id] = self._decoder(channel, schema)
             count.understood = decoder is not None and decoder.known
         return self.channels[channel.id]
 
     def _decoder(self, channel: Channel, schema: Schema | None) -> Decoder | None:
-        readable = channel.message_encoding == "cdr" and schema is not None
-        if not readable or schema is None or schema.encoding != "ros2msg":
+        if schema is None or _why_not(channel, schema):
             return None
         try:
             return _decoder_of(schema.name, schema.data)
@@ -166,6 +178,18 @@ class SessionReader:
             self.metadata.update(content)
         else:
             self.metadata["recovered"] = content
+
+
+def _why_not(channel: Channel, schema: Schema | None) -> str:
+    """Why the messages of a channel cannot be decoded; "" where they can."""
+    if schema is None or not schema.name:
+        return "the file does not hold its definition"
+    if channel.message_encoding != "cdr":
+        kind = f"{schema.encoding}, {channel.message_encoding or 'no encoding'}"
+        return f"only ROS 2 messages (ros2msg, cdr) are read, not {kind}"
+    if schema.encoding != "ros2msg":
+        return f"its definition is in {schema.encoding or 'no known form'}, not in ros2msg"
+    return ""
 
 
 @lru_cache(64)

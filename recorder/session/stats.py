@@ -212,6 +212,7 @@ class SessionStats:
     tracks: dict[str, Track] = field(default_factory=dict)
     sweeps: dict[str, Sweeps] = field(default_factory=dict)
     mounts: dict[str, Transform] = field(default_factory=dict)
+    moving: set[str] = field(default_factory=set)
     counters: Mapping[str, int | float | str] = field(default_factory=dict)
     understood: int = 0
     arrivals_back: int = 0
@@ -244,6 +245,8 @@ class SessionStats:
                 self.sweeps.setdefault(topic, Sweeps()).take(message)
             case Transform() if message.static:
                 self.mounts[message.child] = message
+            case Transform():
+                self.moving.add(message.child)
             case Diagnostics():
                 self.counters = message.counters
 

@@ -79,6 +79,11 @@ def _points(
     help="The robot stood still here (metres, degrees): no tracker needed.",
 )
 @click.option(
+    "--stamps",
+    type=click.Choice(["header", "arrival"]),
+    help="Go by the times of measurement (default), or by those at which the messages arrived.",
+)
+@click.option(
     "--probe", "probes", metavar="X,Y", multiple=True, callback=_points,
     help="Why is the cell at x,y (metres) so? Repeatable.",
 )  # fmt: skip
@@ -92,8 +97,8 @@ def _points(
 def map_(
     sessions: tuple[Path, ...], output: str | None, configs: tuple[Path, ...],
     settings: tuple[str, ...], preset: str | None, compare: str | None, export: Path | None,
-    bag: Path | None, plugins: tuple[Path, ...], pose: str | None, probes: tuple[Point, ...],
-    rrd_budget_mb: float | None, force: bool, quiet: bool,
+    bag: Path | None, plugins: tuple[Path, ...], pose: str | None, stamps: str | None,
+    probes: tuple[Point, ...], rrd_budget_mb: float | None, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Map a SESSION, and write every step into an .rrd recording.
 
@@ -107,6 +112,8 @@ def map_(
     extra = [*settings]
     if pose is not None:
         extra.append(f"pose.fixed=[{pose}]")
+    if stamps is not None:
+        extra.append(f"pose.stamps={stamps}")
     if rrd_budget_mb is not None:
         extra.append(f"rerun.budget_mb={rrd_budget_mb}")
     beside = sessions[0].with_suffix(".rrd")

@@ -39,6 +39,8 @@ def map_and_report(
         )  # fmt: skip
     status = _report_damage(session, result.damage)
     if not quiet:
+        for note in result.notes:
+            click.echo(f"echogrid: {session.name}: {note}", err=True)
         click.echo("\n".join(_map_report(result)))
         _report_unknown_sensors(config, result)
         _report_files(result.left_out, rrd, export, bag)
@@ -60,6 +62,8 @@ def compare_and_report(
     of_all = next(iter(comparison.results.values()))  # what is lost and left out is so in each
     status = _report_damage(session, of_all.damage)
     if not quiet:
+        for note in of_all.notes:
+            click.echo(f"echogrid: {session.name}: {note}", err=True)
         click.echo("\n".join(_comparison_report(variants, comparison)))
         _report_files(of_all.left_out, rrd, export)
     return status

@@ -53,7 +53,7 @@ def map_two(
     config = _on_one_grid(sessions, config)
     collected = [Collector(), Collector()]
     streams = [
-        _watched(build_maps(session.messages(), config), results)
+        _watched(build_maps(session.records, config), results)
         for session, results in zip(sessions, collected, strict=True)
     ]
     sides: tuple[Iterator[Readings], Iterator[Readings]] = (
@@ -118,6 +118,6 @@ def _inside(grid: GridGeometry) -> tuple[float, float]:
 
 
 def _grid_of(session: Session, config: MappingConfig) -> GridGeometry:
-    first = next(iter(build_maps(session.messages(), config)))
+    first = next(iter(build_maps(session.records, config)))
     assert isinstance(first, Started)
     return first.geometry

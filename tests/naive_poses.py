@@ -1,24 +1,15 @@
-"""Where the robot and its frames were at a reading's own time."""
+"""Where the robot and its frames were at a reading's own time, one after the other."""
 
 from __future__ import annotations
 
 import bisect
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
+from mapping.tracks import is_sane
 from recorder.clock import NS_PER_S
 from recorder.geometry import IDENTITY, SE2, interpolate
 from recorder.messages import BASE_FRAME, Transform
-
-# No robot of ours is a thousand kilometres from its map's origin: such a pose is a fault.
-FARTHEST_M = 1e6
-
-
-def is_sane(pose: SE2) -> bool:
-    """Finite, and not absurdly far away."""
-    finite = all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.heading_rad))
-    return finite and max(abs(pose.x_m), abs(pose.y_m)) <= FARTHEST_M
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
-"""Readings placed while they arrive: each waits for the pose that follows it, and no longer.
+"""Readings placed one by one while they arrive, the slow twin: each waits for its next pose.
 
-The rules are those of a finished session (:mod:`mapping.placing`); only what is not known yet
+The rules are those of a finished session (``naive_placing``); only what is not known yet
 differs. A reading is placed as soon as the track reaches past its time. One that no pose follows
 within ``pose.max_gap_s`` could not be placed later either, and is dropped and counted.
 """
@@ -11,11 +11,14 @@ import bisect
 import math
 from collections import Counter, deque
 
+from naive_placing import Placed, place_reading
+from naive_poses import FrameTree, Track
+
 from mapping.beams import Beam
 from mapping.config import MappingConfig, Sensor
-from mapping.placing import Placed, place_reading, resolve_sensors
-from mapping.poses import FrameTree, Track, is_sane
 from mapping.scan_reach import ScanReach
+from mapping.sensors import resolve_sensors
+from mapping.tracks import is_sane
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
 from recorder.geometry import SE2
@@ -115,7 +118,9 @@ class LivePlacer:
 
     def _place(self, *, ended: bool) -> list[Beam]:
         # Those of the first seconds together, so that two of one kind share a layer.
-        self.sensors = resolve_sensors(self._waiting, self._frames, self._config, self.sensors)
+        self.sensors = resolve_sensors(
+            self._waiting, self._frames.parent_of, self._config, self.sensors
+        )
         track = self._track()
         beams: list[Beam] = []
         while self._waiting and (ended or self._is_ripe(self._waiting[0], track)):

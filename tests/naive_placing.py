@@ -1,20 +1,22 @@
-"""Readings + poses + mounts → beams in the map frame, and why the other readings were dropped."""
+"""Readings + poses + mounts → beams in the map frame, one by one: the slow twin of the placer."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 
 import numpy as np
+from naive_poses import FrameTree, Track
 from numpy.typing import NDArray
 
 from mapping.beams import Beam, reach_of_axes
-from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
-from mapping.poses import FrameTree, Track, is_sane
+from mapping.config import MappingConfig, Sensor
 from mapping.scan_reach import ScanReach, reach_of_rangers
+from mapping.selection import selected
+from mapping.sensors import resolve_sensors
+from mapping.tracks import is_sane
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import (
@@ -22,8 +24,8 @@ from recorder.messages import (
     Message,
     Odometry,
     Pose,
-    Radiation,
     Range,
+    Record,
     Scan,
     Transform,
 )
@@ -38,22 +40,41 @@ class Placed:
     readings: int
     used: dict[str, int]
     dropped: dict[str, int]
+    notes: tuple[str, ...] = ()
 
 
-def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
+def place(session: Iterable[Message | Record], config: MappingConfig) -> Placed:
     """Pair each reading with the pose at its own time and put it into the map frame.
 
-    Raises BadInput, in one line, where the session has no readings or no poses.
+    Of records what is mapped is chosen by their topics (:mod:`mapping.selection`); single messages
+    are taken as they are. Raises BadInput, in one line, where there are no readings or no poses.
     """
-    kept = list(messages)
+    given = list(session)
+    records = [each for each in given if isinstance(each, Record)]
+    if not records:
+        messages = [each for each in given if not isinstance(each, Record)]
+        return _placed(messages, config, _found(messages))
+    found = _found([record.message for record in records])
+    if not any(isinstance(record.message, Range | Scan) for record in records):
+        raise BadInput(f"no range readings in the session (found: {found})")
+    kept, selection = selected(records, config)
+    try:
+        placed = _placed(kept, selection.config, found)
+    except BadInput as error:
+        raise BadInput("; ".join([str(error), *selection.notes])) from None
+    notes = (*selection.notes, *selection.mount_notes(placed.sensors.values()))
+    return replace(placed, notes=notes)
+
+
+def _placed(kept: list[Message], config: MappingConfig, found: str) -> Placed:
     dropped: Counter[str] = Counter()
     transforms = [m for m in kept if isinstance(m, Transform)]
     frames = FrameTree.of(transforms, config.pose.max_gap_s)
     readings = [m for m in kept if isinstance(m, Range | Scan)]
     if not readings:
-        raise BadInput(f"no range readings in the session (found: {_found(kept)})")
-    track = _track(kept, config, dropped)
-    sensors = resolve_sensors(readings, frames, config)
+        raise BadInput(f"no range readings in the session (found: {found})")
+    track = _track(kept, config, dropped, found)
+    sensors = resolve_sensors(readings, frames.parent_of, config)
     used: Counter[str] = Counter()
     beams: list[Beam] = []
     reach = ScanReach()
@@ -74,7 +95,7 @@ def place(messages: Iterable[Message], config: MappingConfig) -> Placed:
         dropped["clock stepped back (reading kept)"] = clocks_back
     if not beams:
         why = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
-        raise BadInput(f"not one reading can be mapped: {why} (found: {_found(kept)})")
+        raise BadInput(f"not one reading can be mapped: {why} (found: {found})")
     return Placed(tuple(beams), sensors, len(readings), dict(used), dict(dropped))
 
 
@@ -83,7 +104,9 @@ def _found(messages: list[Message]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items())) or "nothing"
 
 
-def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]) -> Track:
+def _track(
+    messages: list[Message], config: MappingConfig, dropped: Counter[str], found: str
+) -> Track:
     if config.pose.fixed is not None:
         x_m, y_m, heading_deg = config.pose.fixed
         fixed = SE2(x_m, y_m, math.radians(heading_deg))
@@ -94,7 +117,7 @@ def _track(messages: list[Message], config: MappingConfig, dropped: Counter[str]
     by_odometry = not tracked or config.pose.topic == "/odom"
     stamped = odometry if by_odometry else tracked
     if not stamped:
-        raise BadInput(f"no poses in the session (found: {_found(messages)})")
+        raise BadInput(f"no poses in the session (found: {found})")
     sane = [(t_ns, pose) for t_ns, pose in stamped if is_sane(pose)]
     if len(sane) < len(stamped):
         dropped["pose not finite or too far"] = len(stamped) - len(sane)
@@ -119,47 +142,6 @@ def laid_on(odometry: Track, tracker: Track) -> Track:
             moved = [world_from_odom @ pose for pose in odometry.poses]
             return Track(odometry.t_ns, moved, odometry.max_gap_ns)
     raise BadInput("there is no time at which the tracker and dead reckoning both know the pose")
-
-
-def resolve_sensors(
-    readings: Iterable[Range | Scan],
-    frames: FrameTree,
-    config: MappingConfig,
-    known: Mapping[str, Sensor] = MappingProxyType({}),
-) -> dict[str, Sensor]:
-    """The sensors of these readings, by name, each from its first reading and the configuration.
-
-    Each has its own layer, unless there are several of one kind: these share one. Where some are
-    ``known`` already, they stay as they are, and another of a kind that has a layer joins it.
-    """
-    first: dict[str, Range | Scan] = {}
-    for reading in readings:
-        if reading.sensor not in known:
-            first.setdefault(reading.sensor, reading)
-    if not first:
-        return dict(known)
-    found = {
-        name: resolve_sensor(_reported(reading), config, mounted=frames.parent_of(name) is not None)
-        for name, reading in first.items()
-    }
-    of_kind = Counter(sensor.kind for sensor in found.values())
-    of_kind.update(sensor.layer for sensor in known.values())
-    return {**known} | {
-        name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
-        for name, s in found.items()
-    }
-
-
-def _reported(reading: Range | Scan) -> ReportedSensor:
-    if isinstance(reading, Range):
-        return ReportedSensor(
-            reading.sensor, reading.radiation, reading.beam_width_rad,
-            reading.min_range_m, reading.max_range_m,
-        )  # fmt: skip
-    return ReportedSensor(
-        reading.sensor, Radiation.LASER, abs(reading.angle_increment_rad),
-        reading.min_range_m, reading.max_range_m,
-    )  # fmt: skip
 
 
 def place_reading(

@@ -1,0 +1,53 @@
+"""The sensors of a session, all settled: what they report, the catalogue, the configuration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
+from recorder.messages import Radiation, Range, Scan
+
+
+def resolve_sensors(
+    readings: Iterable[Range | Scan],
+    parent_of: Callable[[str], str | None],
+    config: MappingConfig,
+    known: Mapping[str, Sensor] = MappingProxyType({}),
+) -> dict[str, Sensor]:
+    """The sensors of these readings, by name, each from its first reading and the configuration.
+
+    ``parent_of(frame)`` is what a frame is fixed to or turns on, None where that is not known. Each
+    sensor has its own layer, unless there are several of one kind: these share one. Where some are
+    ``known`` already, they stay as they are, and another of a kind that has a layer joins it.
+    """
+    first: dict[str, Range | Scan] = {}
+    for reading in readings:
+        if reading.sensor not in known:
+            first.setdefault(reading.sensor, reading)
+    if not first:
+        return dict(known)
+    found = {
+        name: resolve_sensor(_reported(reading), config, mounted=parent_of(name) is not None)
+        for name, reading in first.items()
+    }
+    of_kind = Counter(sensor.kind for sensor in found.values())
+    of_kind.update(sensor.layer for sensor in known.values())
+    return {**known} | {
+        name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
+        for name, s in found.items()
+    }
+
+
+def _reported(reading: Range | Scan) -> ReportedSensor:
+    if isinstance(reading, Range):
+        return ReportedSensor(
+            reading.sensor, reading.radiation, reading.beam_width_rad,
+            reading.min_range_m, reading.max_range_m,
+        )  # fmt: skip
+    return ReportedSensor(
+        reading.sensor, Radiation.LASER, abs(reading.angle_increment_rad),
+        reading.min_range_m, reading.max_range_m,
+    )  # fmt: skip
