@@ -70,14 +70,14 @@ def scan_axes(bearings_rad: Floats, half_width_rad: float) -> ScanAxes:
     apart = np.diff(directions[order], prepend=directions[order[-1]] - 2.0 * math.pi) > _SAME_RAD
     # Of beams that look the same way, the first of the scan.
     group = np.maximum(np.cumsum(apart) - 1, 0)
-    kept = [int(order[group == g].min()) for g in range(int(group[-1]) + 1)]
+    kept = np.minimum.reduceat(order, np.flatnonzero(np.diff(group, prepend=-1)))
     centre = directions[kept]
     gap = np.diff(centre, append=centre[0] + 2.0 * math.pi)
     half = half_width_rad + _EDGE_RAD
     after, before = np.minimum(gap / 2.0, half), np.minimum(np.roll(gap, 1) / 2.0, half)
     low, high = centre - before, centre + after
     return ScanAxes(
-        np.array(kept, np.int64), np.array([np.cos(low), np.sin(low)]),
+        kept.astype(np.int64), np.array([np.cos(low), np.sin(low)]),
         np.array([np.cos(high), np.sin(high)]), np.roll(gap, 1) / 2.0 <= half, bearings,
     )  # fmt: skip
 
