@@ -1,7 +1,7 @@
 """Readings as columns → the batch kernels: which of them adds a reading, and what it has to know.
 
-What no kernel knows (a plugin's model or rule, the rasteriser `arcs`, scans by most rules) is
-merged reading by reading from its temp grid.
+What no kernel knows (a plugin's model or rule, the rasteriser `arcs`, scans by most rules, a limit
+``clear_to_m`` in front of what is seen) is merged reading by reading from its temp grid.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def adder_of(rule: UpdateRule, sensors: Sequence[Sensor], number: int) -> str:
     """The name of the kernel for a sensor's readings of one axis; "" where there is none."""
     sensor = sensors[number]
     model = type(SENSOR_MODELS.get(sensor.model))
-    if sensor.rasteriser != "cells" or model not in _MODELS:
+    if sensor.rasteriser != "cells" or model not in _MODELS or sensor.clear_to_m is not None:
         return ""
     if sensor.clear_to_m is not None:  # the kernels know no gap between front and band
         return ""

@@ -19,18 +19,19 @@ from mapping.grid import GridGeometry, Layer, check_size, geometry_for
 from mapping.layer_map import LayerMap, empty_maps
 from mapping.parameters import Sensor
 from mapping.placed_session import Counts, HasBlocks, PlacedSession, place_session
-from mapping.readings import Readings, beams_of, raw_points
+from mapping.readings import Readings, raw_points
 from mapping.segments import (
     Stage,
     line_stages,
     of_lidar_only,
     reachable_cells,
+    scans_of,
     segments_from_grid,
     segments_of_ranger,
     segments_of_scans,
 )
 from mapping.sensor_model import stretch_of
-from recorder.messages import Message, Radiation, Record
+from recorder.messages import Message, Record
 
 MARGIN_M = 0.2
 MANY = 20_000  # readings merged at once
@@ -234,9 +235,9 @@ def raw_lines(placed: Iterable[Readings], config: MappingConfig) -> Iterator[Art
     """The obstacle points of each sensor, and the lines fitted straight to them."""
     for sensor, points, t_ns, from_m in raw_points(placed):
         yield RawPoints(sensor.name, points, t_ns)
-        if sensor.radiation is Radiation.LASER:
-            beams = beams_of(placed, sensor.name)
-            yield from segments_of_scans(beams, config.segments, layer=sensor.name)
+        scans = scans_of(placed, sensor.name)
+        if scans:
+            yield from segments_of_scans(scans, config.segments, layer=sensor.name)
         elif len(points) >= config.segments.min_points:
             stages: list[Stage] = []
             lines = segments_of_ranger(

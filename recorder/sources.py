@@ -15,7 +15,7 @@ import numpy as np
 from recorder.clock import NS_PER_S
 from recorder.columns import Block, Ints, PoseColumns, RangeColumns, ScanColumns, TransformColumns
 from recorder.errors import BadInput
-from recorder.frame_links import FrameLinks
+from recorder.frame_links import BASES, FrameLinks, basename
 from recorder.messages import Range, Scan
 from recorder.names import nearest
 
@@ -237,6 +237,12 @@ def _base(links: FrameLinks, used: Sequence[ReadingSource]) -> str:
     for source in used:
         if source.frame in links:
             bases.setdefault(links.base_on(links.path(source.frame)), source)
+    called_so = [base for base in bases if basename(base) in BASES]
+    if called_so:  # what hangs on nothing that is called so sits nowhere on a robot
+        bases = {base: bases[base] for base in called_so}
+    # base_link hangs on base_footprint, or the other way round: one robot
+    bases = {base: source for base, source in bases.items()
+             if not any(other in links.path(base)[1:] for other in bases)}  # fmt: skip
     if len(bases) > 1:
         listed = ", ".join(f"{source.topic} on {base}" for base, source in bases.items())
         first = next(iter(bases.values()))

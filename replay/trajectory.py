@@ -12,7 +12,7 @@ from recorder.messages import Pose
 def poses_of(placed: PlacedSession) -> list[Pose]:
     """The poses that readings are placed by, in order of time."""
     track = placed.placement.track
-    return [Pose(int(t_ns), track.motions.one(i)) for i, t_ns in enumerate(track.t_ns)]
+    return [Pose(t_ns, track.motions.one(i)) for i, t_ns in enumerate(track.t_ns.tolist())]
 
 
 def tum_text(poses: Sequence[Pose]) -> str:

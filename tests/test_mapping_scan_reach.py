@@ -7,13 +7,13 @@ import math
 
 import numpy as np
 import pytest
+from naive_live_placing import LivePlacer
+from naive_placing import place
 
 from mapping.artifacts import Segment, Snapshot, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config import load_config
-from mapping.live_placing import LivePlacer
 from mapping.pipeline import build_maps
-from mapping.placing import place
 from mapping.scan_reach import ScanReach
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Scan
@@ -30,11 +30,11 @@ def seen_from(pose: SE2, count: int = 360, noise_m: float = 0.0, seed: int = 0) 
     angles = pose.heading_rad + np.radians(np.arange(count) - 180.0)
     dx, dy = np.cos(angles), np.sin(angles)
     with np.errstate(divide="ignore"):
-        x = np.where(dx > 0.0, (WIDTH_M - pose.x_m) / dx, -pose.x_m / dx)
-        y = np.where(dy > 0.0, (HEIGHT_M - pose.y_m) / dy, -pose.y_m / dy)
+        x = np.where(dx > 0.0, (WIDTH_M - pose.x_m) / dx, pose.x_m / np.abs(dx))
+        y = np.where(dy > 0.0, (HEIGHT_M - pose.y_m) / dy, pose.y_m / np.abs(dy))
     ranges = np.minimum(x, y)
     through = (x < y) & (dx > 0.0)
-    at_y = pose.y_m + np.minimum(ranges, 100.0) * dy
+    at_y = pose.y_m + ranges * dy
     window = through & (at_y > WINDOW_Y_M[0]) & (at_y < WINDOW_Y_M[1])
     noisy = ranges + noise_m * np.random.default_rng(seed).standard_normal(count)
     return np.where(window, np.inf, noisy)

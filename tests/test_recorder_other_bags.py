@@ -330,6 +330,19 @@ def test_two_topics_of_one_frame_are_two_sensors(
     assert "far_it 10" in run.text
 
 
+def test_two_bases_of_one_robot(tmp_path: Path) -> None:
+    """One sensor hangs on base_link, the other on the base_footprint that it hangs on itself."""
+    sent = [
+        *standing(10, topic="/a", frame="eye"), *(reading(i, "/b", "ear") for i in range(9)),
+        transform("base_footprint", "base_link", **HERE), transform("base_link", "ear"),
+        transform("base_footprint", "eye"),
+    ]  # fmt: skip
+    placed = place(read_session(bag(tmp_path / "b.mcap", sent)).records, load_config())
+    assert placed.used == {"eye": 9, "ear": 9}
+    for beam in placed.beams:
+        assert beam.points_m[0] == pytest.approx((1.0, 2.1))
+
+
 def test_one_topic_of_two_frames_is_two_sensors(
     tmp_path: Path, mapped: Callable[..., Mapped]
 ) -> None:

@@ -17,7 +17,7 @@ from mapping.segments.raw import (
     stages_of_points,
 )
 from mapping.segments.ridge import segments_from_grid, segments_from_ridge
-from mapping.segments.scan_lines import of_lidar_only, segments_of_scans
+from mapping.segments.scan_lines import of_lidar_only, scans_of, segments_of_scans
 from mapping.segments.stages import Corner, Fit, Merge, Observer, Split, Stage, line_stages
 
 __all__ = [
@@ -32,6 +32,7 @@ __all__ = [
     "line_stages",
     "of_lidar_only",
     "reachable_cells",
+    "scans_of",
     "segments_from_borders",
     "segments_from_grid",
     "segments_from_points",

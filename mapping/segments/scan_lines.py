@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from mapping.artifacts import Segment
 from mapping.beams import Beam
 from mapping.config import SegmentsSection, Sensor
+from mapping.readings import Readings
 from mapping.segments.chains import chains_from_scan
 from mapping.segments.least_squares import FittedLine, FloatArray, fit_line
 from mapping.segments.methods import line_method
@@ -57,6 +58,17 @@ def of_lidar_only(layer: str, sensors: Iterable[Sensor]) -> bool:
     kinds = [(sensor.layer, sensor.radiation is Radiation.LASER) for sensor in sensors]
     own = [laser for name, laser in kinds if name == layer]
     return all(own or [laser for _, laser in kinds])
+
+
+def scans_of(placed: Iterable[Readings], sensor: str) -> list[Beam]:
+    """The scans of a sensor, in their order; none of one whose readings are single ranges."""
+    found = []
+    for readings in placed:
+        mine = np.array([each.name == sensor for each in readings.sensors], np.bool_)
+        scans = np.diff(readings.begins) > 1
+        scans &= mine[readings.sensor] if len(mine) else False
+        found += [readings.beam(row) for row in np.flatnonzero(scans).tolist()]
+    return found
 
 
 def _lines_of_scan(beam: Beam, config: SegmentsSection) -> list[FittedLine]:

@@ -119,9 +119,8 @@ def map_(
         extra.append(f"pose.stamps={stamps}")
     if rrd_budget_mb is not None:
         extra.append(f"rerun.budget_mb={rrd_budget_mb}")
-    rrd: Path | None = None
-    if output != "-":
-        rrd = sessions[0].with_suffix(".rrd") if output is None else Path(output)
+    beside = sessions[0].with_suffix(".rrd")
+    rrd = None if output == "-" else beside if output is None else Path(output)
     if rrd is not None and rrd.suffix == ".mcap":
         raise BadInput(f"{rrd}: -o is the .rrd recording; --mcap {rrd} writes maps for ROS 2")
     if rrd is not None and rrd.suffix != ".rrd":  # by which the viewer knows it
