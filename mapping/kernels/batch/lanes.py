@@ -1,10 +1,10 @@
-"""Eight cells at a time: vector steps spelled out, where loops of numba lose most of their time.
+"""Several cells at a time: vector steps spelled out, where loops of numba lose most of their time.
 
 A row of a beam is short, and a loop that numba turns into vectors takes up to 32 cells at once and
-the rest one by one. What is here takes eight at a time to the end, so arrays have room for whole
-groups of eight. Every function has a plain loop as its twin, which gives the same bytes. LLVM makes
-of the vectors what a processor has; where it cannot, or to compare, ECHOGRID_PLAIN_LOOPS=1 switches
-to the twins (compiled at each start then: numba's cache does not know which it holds).
+the rest one by one. What is here takes 8 or 16 at a time to the end, so arrays have room for whole
+groups of ``ROOM``. Every function has a plain loop as its twin, which gives the same bytes. LLVM
+makes of the vectors what a processor has; where it cannot, or to compare, ECHOGRID_PLAIN_LOOPS=1
+switches to the twins (compiled at each start then: numba's cache does not know which it holds).
 """
 
 from __future__ import annotations
@@ -16,13 +16,16 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from llvmlite import binding as llvm
 from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
 WITH_LANES = os.environ.get("ECHOGRID_PLAIN_LOOPS", "") in ("", "0")
-EIGHT = 8
+# More than fit into a register of most processors: that hides what one step waits for the last.
+WIDTH = 16 if llvm.get_host_cpu_features().get("avx512f") else 8
+ROOM = 16
 _F32, _F64, _I32, _I64 = ir.FloatType(), ir.DoubleType(), ir.IntType(32), ir.IntType(64)
 # 2^u on -0.5 .. 0.5, within 1 ulp: the coefficients of 1, u, u^2, ...
 POWERS = (
@@ -34,7 +37,7 @@ free_loop = njit(cache=WITH_LANES, error_model="numpy", nogil=True)
 
 
 class Lanes:
-    """Eight numbers of one LLVM type, while code is made: what is done to one is done to all."""
+    """Numbers of one LLVM type, while code is made: what is done to one is done to all."""
 
     def __init__(self, builder: Any, value: Any) -> None:
         self.builder, self.value = builder, value
@@ -49,7 +52,7 @@ class Lanes:
             return splat(self.builder, other).value
         if self.element is _F32:
             other = float(np.float32(other))
-        return ir.Constant(self.value.type, [ir.Constant(self.element, other)] * EIGHT)
+        return ir.Constant(self.value.type, [ir.Constant(self.element, other)] * WIDTH)
 
     def _made(self, value: Any) -> Lanes:
         return Lanes(self.builder, value)
@@ -71,6 +74,9 @@ class Lanes:
 
     def __or__(self, other: Any) -> Lanes:
         return self._made(self.builder.or_(self.value, self._same(other)))
+
+    def __xor__(self, other: Any) -> Lanes:
+        return self._made(self.builder.xor(self.value, self._same(other)))
 
     def __lshift__(self, bits: int) -> Lanes:
         return self._made(self.builder.shl(self.value, self._same(bits)))
@@ -97,13 +103,13 @@ class Lanes:
     def of(self, name: str) -> Lanes:
         """sqrt, rint, floor, ceil or fabs."""
         kind = ir.FunctionType(self.value.type, [self.value.type])
-        full = f"llvm.{name}.v{EIGHT}{self.element.intrinsic_name}"
+        full = f"llvm.{name}.v{WIDTH}{self.element.intrinsic_name}"
         function = cgutils.get_or_insert_function(self.builder.module, kind, full)
         return self._made(self.builder.call(function, [self.value]))
 
     def to(self, element: Any) -> Lanes:
         """As numbers of another type; what is not whole is cut."""
-        wanted, b = ir.VectorType(element, EIGHT), self.builder
+        wanted, b = ir.VectorType(element, WIDTH), self.builder
         if element is _I32:
             make = b.fptosi if self.is_float else b.zext
         else:
@@ -113,32 +119,32 @@ class Lanes:
     def total(self) -> Any:
         """The sum of whole numbers."""
         kind = ir.FunctionType(self.element, [self.value.type])
-        full = f"llvm.vector.reduce.add.v{EIGHT}{self.element.intrinsic_name}"
+        full = f"llvm.vector.reduce.add.v{WIDTH}{self.element.intrinsic_name}"
         function = cgutils.get_or_insert_function(self.builder.module, kind, full)
         return self.builder.call(function, [self.value])
 
     def bits_as(self, element: Any) -> Lanes:
         """The same bits read as numbers of another type."""
-        return self._made(self.builder.bitcast(self.value, ir.VectorType(element, EIGHT)))
+        return self._made(self.builder.bitcast(self.value, ir.VectorType(element, WIDTH)))
 
 
 def splat(builder: Any, value: Any) -> Lanes:
     """One number in every lane."""
-    kind = ir.VectorType(value.type, EIGHT)
+    kind = ir.VectorType(value.type, WIDTH)
     first = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(_I32, 0))
-    lanes = ir.Constant(ir.VectorType(_I32, EIGHT), [0] * EIGHT)
+    lanes = ir.Constant(ir.VectorType(_I32, WIDTH), [0] * WIDTH)
     return Lanes(builder, builder.shuffle_vector(first, ir.Constant(kind, ir.Undefined), lanes))
 
 
 def counted(builder: Any, first: Any) -> Lanes:
     """first, first + 1, ..."""
     return splat(builder, first) + Lanes(
-        builder, ir.Constant(ir.VectorType(first.type, EIGHT), list(range(EIGHT)))
+        builder, ir.Constant(ir.VectorType(first.type, WIDTH), list(range(WIDTH)))
     )
 
 
 class Cells:
-    """The numbers of a numba array, eight from an index on."""
+    """The numbers of a numba array, several from an index on."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, value: Any) -> None:
         self.builder = builder
@@ -148,7 +154,7 @@ class Cells:
 
     def _at(self, index: Any) -> Any:
         pointer = self.builder.gep(self.data, [index], source_etype=self.element)
-        return self.builder.bitcast(pointer, ir.VectorType(self.element, EIGHT).as_pointer())
+        return self.builder.bitcast(pointer, ir.VectorType(self.element, WIDTH).as_pointer())
 
     def at(self, row: int, column: Any) -> Any:
         """The index of a cell of a table."""
@@ -161,7 +167,7 @@ class Cells:
         return self.builder.load(pointer, typ=self.element)
 
     def load(self, index: Any) -> Lanes:
-        kind = ir.VectorType(self.element, EIGHT)
+        kind = ir.VectorType(self.element, WIDTH)
         return Lanes(self.builder, self.builder.load(self._at(index), align=4, typ=kind))
 
     def store(self, index: Any, lanes: Lanes) -> None:
@@ -173,13 +179,13 @@ def _unpacked(builder: Any, values: Any) -> list[Any]:
 
 
 def _from(builder: Any, first: Any, after: Any) -> Any:
-    """A loop over first, first + 8, ... as a context that gives the index."""
-    return cgutils.for_range_slice(builder, first, after, ir.Constant(_I64, EIGHT), inc=True)
+    """A loop over first, first + WIDTH, ... as a context that gives the index."""
+    return cgutils.for_range_slice(builder, first, after, ir.Constant(_I64, WIDTH), inc=True)
 
 
 @intrinsic  # type: ignore[untyped-decorator]
 def lanes_of_spans(typing: Any, spans: Any, doubt: Any, rows: Any, limits: Any) -> Any:
-    """``spans._fill_spans``: the rows 0 .. rows - 1, and up to 7 more that are not in doubt."""
+    """``spans.fill_spans_plainly``; of the rows past the last none is in doubt."""
 
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         kinds = signature.args
@@ -267,7 +273,7 @@ def _add_side_by_side(
 
     ``loss_of(row, column)`` makes what cells in front lose. To cells outside a span 0 is added.
     """
-    start, end = ir.Constant(_I32, 2**31 - EIGHT), ir.Constant(_I32, 0)
+    start, end = ir.Constant(_I32, 2**31 - WIDTH), ir.Constant(_I32, 0)
     for row in rows:
         a, _f, _g, b = row.span
         is_empty = builder.icmp_signed(">=", a, b)
@@ -275,7 +281,7 @@ def _add_side_by_side(
         start = builder.select(builder.icmp_signed("<", a, start), a, start)
         b = builder.select(is_empty, end, b)
         end = builder.select(builder.icmp_signed("<", end, b), b, end)
-    start = builder.and_(builder.sext(start, _I64), ir.Constant(_I64, -EIGHT))
+    start = builder.and_(builder.sext(start, _I64), ir.Constant(_I64, -WIDTH))
     top = builder.neg(lowest)
     with _from(builder, start, builder.sext(end, _I64)) as (c, _):
         column = counted(builder, builder.trunc(c, _I32))
@@ -363,6 +369,148 @@ def lanes_of_plain_rows(
 
     place = (cells, types.int64, types.int64, types.int64, types.int32, spans)
     return types.void(*place, *(types.int32,) * 3), make
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lanes_of_borders(typing: Any, borders: Any, k: Any, rows: Any, limits: Any) -> Any:
+    """``regions.fill_borders_plainly``."""
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        table = Cells(context, builder, signature.args[0], args[0])
+        row0, step, size, base_y, slope, offset, most, up, missed_up, down, missed_down, shift = (
+            _unpacked(builder, args[3])
+        )
+        with _from(builder, ir.Constant(_I64, 0), args[2]) as (r, _):
+            row = counted(builder, builder.sitofp(r, _F64)) * step + row0
+            dy = (row + 0.5) * size + base_y
+            at = (dy * slope + offset).at_least(builder.fneg(most)).at_most(most)
+            above = (at.of("floor") + 1.0) * up + missed_up - shift
+            below = (at.of("ceil") * down + missed_down - shift) * -1.0
+            own = above.where(splat(builder, ir.Constant(_F64, 0.0)).below(dy), below)
+            begin = builder.mul(table.shape[1], args[1])
+            table.store(builder.add(begin, r), own.to(_I32))
+        return context.get_dummy_value()
+
+    return types.void(borders, types.int64, types.int64, limits), make
+
+
+def _by_region(
+    builder: Any, borders: Cells, row: Any, column: Lanes, values: Any, regions: Any
+) -> Lanes:
+    """``values(k)`` of the angular region k that each column of a row lies in."""
+    own = cgutils.alloca_once_value(builder, splat(builder, values(ir.Constant(_I64, 0))).value)
+    one = ir.Constant(_I64, 1)
+    with cgutils.for_range_slice(builder, one, regions, one) as (k, _):
+        border = borders.one(builder.add(builder.mul(borders.shape[1], k), row))
+        value = splat(builder, values(k)).where(
+            column.below(border), Lanes(builder, builder.load(own))
+        )
+        builder.store(value.value, own)
+    return Lanes(builder, builder.load(own))
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lanes_of_region_front(
+    typing: Any, cells: Any, row: Any, square: Any, row_square: Any, borders: Any, r: Any,
+    flip: Any, factors: Any, f: Any, g: Any, e0: Any, e1: Any, powers: Any, scale: Any,
+    lowest: Any,
+) -> Any:  # fmt: skip
+    """``regions.add_front_plainly``."""
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        grid, squares, table, factor = (
+            Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 4, 7)
+        )
+        _, row, _, row_square, _, r, flip, _, f, g, e0, e1, powers, scale, lowest = args
+        powers = _unpacked(builder, powers)
+        begin, width = builder.mul(row, grid.shape[1]), builder.sub(g, f)
+        start = builder.and_(builder.sext(f, _I64), ir.Constant(_I64, -WIDTH))
+        with _from(builder, start, builder.sext(g, _I64)) as (c, _):
+            column = counted(builder, builder.trunc(c, _I32))
+            own = _by_region(builder, table, r, column ^ flip, factor.one, factor.shape[0])
+            e = (squares.load(c) + row_square).of("sqrt") * e1 + e0
+            z = own * e.at_most(1.0).at_least(0.0)
+            s = z * z
+            t = s * s
+            p = (s * powers[5] + powers[4]) + t * powers[6]
+            p = (s * powers[1] + powers[0]) + (s * powers[3] + powers[2]) * t + p * (t * t)
+            step = (z * p * scale).of("rint").to(_I32).where(column.within(f, width), 0)
+            at = builder.add(begin, c)
+            total = grid.load(at) + step
+            grid.store(at, total.at_most(builder.neg(lowest)).at_least(lowest))
+        return context.get_dummy_value()
+
+    singles = types.float32
+    kinds = (
+        cells, types.int64, square, singles, borders, types.int64, types.int32, factors,
+        types.int32, types.int32, singles, singles, powers, singles, types.int32,
+    )  # fmt: skip
+    return types.void(*kinds), make
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lanes_of_region_band(
+    typing: Any, square: Any, row_square: Any, borders: Any, r: Any, flip: Any, regions: Any,
+    bands: Any, a: Any, b: Any, scale: Any, offset: Any, unsure: Any, index: Any,
+) -> Any:  # fmt: skip
+    """``regions.index_band_plainly``."""
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        squares, table, out = (
+            Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 12)
+        )
+        _, row_square, _, r, flip, regions, bands, a, b, scale, offset, unsure, _ = args
+        doubtful = cgutils.alloca_once_value(builder, ir.Constant(_I32, 0))
+        last, width = builder.sub(bands, ir.Constant(_I32, 1)), builder.sub(b, a)
+        start = builder.and_(builder.sext(a, _I64), ir.Constant(_I64, -WIDTH))
+
+        def base(k: Any) -> Any:
+            return builder.mul(builder.trunc(k, _I32), bands)
+
+        with _from(builder, start, builder.sext(b, _I64)) as (c, _):
+            column = counted(builder, builder.trunc(c, _I32))
+            own = _by_region(builder, table, r, column ^ flip, base, regions)
+            at = (squares.load(c) + row_square).of("sqrt") * scale + offset
+            unclear = (at - at.of("rint")).of("fabs").below(unsure).to(_I32)
+            unclear = unclear.where(column.within(a, width), 0)
+            builder.store(builder.add(builder.load(doubtful), unclear.total()), doubtful)
+            band = at.of("floor").at_most(builder.sitofp(last, _F32)).at_least(0.0)
+            out.store(c, own + band.to(_I32))
+        return builder.load(doubtful)
+
+    singles, ints = (types.float32,) * 3, (types.int32,) * 4
+    kinds = (square, types.float32, borders, types.int64, types.int32, types.int64)
+    return types.int32(*kinds, *ints[1:], *singles, index), make
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lanes_of_table_row(
+    typing: Any, cells: Any, row: Any, a: Any, b: Any, table: Any, index: Any, lowest: Any
+) -> Any:
+    """``regions.add_table_row_plainly``."""
+
+    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        grid, values, places = (
+            Cells(context, builder, signature.args[k], args[k]) for k in (0, 4, 5)
+        )
+        _, row, a, b, _, _, lowest = args
+        begin, width = builder.mul(row, grid.shape[1]), builder.sub(b, a)
+        start = builder.and_(builder.sext(a, _I64), ir.Constant(_I64, -WIDTH))
+        with _from(builder, start, builder.sext(b, _I64)) as (c, _):
+            said: Any = ir.Constant(ir.VectorType(_I32, WIDTH), [0] * WIDTH)
+            for n in range(WIDTH):
+                place = places.one(builder.add(c, ir.Constant(_I64, n)))
+                value = values.one(builder.sext(place, _I64))
+                said = builder.insert_element(said, value, ir.Constant(_I32, n))
+            column = counted(builder, builder.trunc(c, _I32))
+            step = Lanes(builder, said).where(column.within(a, width), 0)
+            at = builder.add(begin, c)
+            total = grid.load(at) + step
+            grid.store(at, total.at_most(builder.neg(lowest)).at_least(lowest))
+        return context.get_dummy_value()
+
+    ints = (types.int32, types.int32)
+    return types.void(cells, types.int64, *ints, table, index, types.int32), make
 
 
 @intrinsic  # type: ignore[untyped-decorator]

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.lanes import EIGHT, WITH_LANES, inlined_loop, lanes_of_spans, loop
+from mapping.kernels.batch.lanes import ROOM, WITH_LANES, inlined_loop, lanes_of_spans, loop
 from mapping.kernels.batch.readings import Place
 from mapping.kernels.footprints import TOLERANCE_M, TOLERANCE_RAD, _in_beam
 
@@ -82,8 +82,8 @@ def beam_between(
 
 @loop
 def span_scratch(rows: int) -> tuple[Columns, Columns]:
-    """``spans`` and ``doubt`` for so many rows, with room for whole groups of eight."""
-    return np.empty((4, rows + EIGHT), np.int32), np.empty(rows + EIGHT, np.int32)
+    """``spans`` and ``doubt`` for so many rows, with room for whole groups."""
+    return np.empty((4, rows + ROOM), np.int32), np.empty(rows + ROOM, np.int32)
 
 
 @loop
@@ -269,7 +269,7 @@ def fill_spans_plainly(spans: Columns, doubt: Columns, rows: int, limits: Any) -
 
 @loop
 def fill_spans_in_lanes(spans: Columns, doubt: Columns, rows: int, limits: Any) -> int:
-    """The same, eight rows at a time."""
+    """The same, several rows at a time."""
     return lanes_of_spans(spans, doubt, rows, limits)
 
 
