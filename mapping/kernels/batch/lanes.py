@@ -372,35 +372,55 @@ def lanes_of_plain_rows(
 
 
 @intrinsic  # type: ignore[untyped-decorator]
-def lanes_of_borders(typing: Any, borders: Any, k: Any, rows: Any, limits: Any) -> Any:
+def lanes_of_borders(
+    typing: Any, borders: Any, k: Any, rows: Any, limits: Any, spans: Any, crossing: Any
+) -> Any:
     """``regions.fill_borders_plainly``."""
 
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        table = Cells(context, builder, signature.args[0], args[0])
+        table, ends, found = (
+            Cells(context, builder, signature.args[n], args[n]) for n in (0, 4, 5)
+        )
         row0, step, size, base_y, slope, offset, most, up, missed_up, down, missed_down, shift = (
             _unpacked(builder, args[3])
         )
+        shift_32 = builder.fptosi(shift, _I32)
         with _from(builder, ir.Constant(_I64, 0), args[2]) as (r, _):
             row = counted(builder, builder.sitofp(r, _F64)) * step + row0
             dy = (row + 0.5) * size + base_y
             at = (dy * slope + offset).at_least(builder.fneg(most)).at_most(most)
             above = (at.of("floor") + 1.0) * up + missed_up - shift
             below = (at.of("ceil") * down + missed_down - shift) * -1.0
-            own = above.where(splat(builder, ir.Constant(_F64, 0.0)).below(dy), below)
+            is_above = splat(builder, ir.Constant(_F64, 0.0)).below(dy)
+            own = above.where(is_above, below).to(_I32)
             begin = builder.mul(table.shape[1], args[1])
-            table.store(builder.add(begin, r), own.to(_I32))
+            table.store(builder.add(begin, r), own)
+            a, b = (ends.load(ends.at(n, r)) - shift_32 for n in (0, 3))
+            first, last = a.where(is_above, b * -1), (b - 1).where(is_above, (a + 1) * -1)
+            for n, bound in enumerate((last, first)):
+                counted_so_far = found.load(found.at(n, r))
+                found.store(found.at(n, r), counted_so_far + bound.below(own).to(_I32))
         return context.get_dummy_value()
 
-    return types.void(borders, types.int64, types.int64, limits), make
+    return types.void(borders, types.int64, types.int64, limits, spans, crossing), make
+
+
+_PAIR = types.UniTuple(types.int32, 2)
 
 
 def _by_region(
-    builder: Any, borders: Cells, row: Any, column: Lanes, values: Any, regions: Any
+    builder: Any, borders: Cells, row: Any, crossing: Any, column: Lanes, values: Any
 ) -> Lanes:
-    """``values(k)`` of the angular region k that each column of a row lies in."""
-    own = cgutils.alloca_once_value(builder, splat(builder, values(ir.Constant(_I64, 0))).value)
+    """``values(k)`` of the angular region k that each column of a row lies in.
+
+    The row lies wholly beyond the borders 1 .. ``crossing[0]`` and before those past the other.
+    """
+    low, high = (builder.sext(n, _I64) for n in _unpacked(builder, crossing))
+    own = cgutils.alloca_once(builder, ir.VectorType(values(low).type, WIDTH))
+    builder.store(splat(builder, values(low)).value, own)
     one = ir.Constant(_I64, 1)
-    with cgutils.for_range_slice(builder, one, regions, one) as (k, _):
+    after = builder.add(high, one)
+    with cgutils.for_range_slice(builder, builder.add(low, one), after, one) as (k, _):
         border = borders.one(builder.add(builder.mul(borders.shape[1], k), row))
         value = splat(builder, values(k)).where(
             column.below(border), Lanes(builder, builder.load(own))
@@ -412,22 +432,22 @@ def _by_region(
 @intrinsic  # type: ignore[untyped-decorator]
 def lanes_of_region_front(
     typing: Any, cells: Any, row: Any, square: Any, row_square: Any, borders: Any, r: Any,
-    flip: Any, factors: Any, f: Any, g: Any, e0: Any, e1: Any, powers: Any, scale: Any,
-    lowest: Any,
+    crossing: Any, flip: Any, factors: Any, f: Any, g: Any, e0: Any, e1: Any, powers: Any,
+    scale: Any, lowest: Any,
 ) -> Any:  # fmt: skip
     """``regions.add_front_plainly``."""
 
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         grid, squares, table, factor = (
-            Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 4, 7)
+            Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 4, 8)
         )
-        _, row, _, row_square, _, r, flip, _, f, g, e0, e1, powers, scale, lowest = args
+        _, row, _, row_square, _, r, crossing, flip, _, f, g, e0, e1, powers, scale, lowest = args
         powers = _unpacked(builder, powers)
         begin, width = builder.mul(row, grid.shape[1]), builder.sub(g, f)
         start = builder.and_(builder.sext(f, _I64), ir.Constant(_I64, -WIDTH))
         with _from(builder, start, builder.sext(g, _I64)) as (c, _):
             column = counted(builder, builder.trunc(c, _I32))
-            own = _by_region(builder, table, r, column ^ flip, factor.one, factor.shape[0])
+            own = _by_region(builder, table, r, crossing, column ^ flip, factor.one)
             e = (squares.load(c) + row_square).of("sqrt") * e1 + e0
             z = own * e.at_most(1.0).at_least(0.0)
             s = z * z
@@ -442,7 +462,7 @@ def lanes_of_region_front(
 
     singles = types.float32
     kinds = (
-        cells, types.int64, square, singles, borders, types.int64, types.int32, factors,
+        cells, types.int64, square, singles, borders, types.int64, _PAIR, types.int32, factors,
         types.int32, types.int32, singles, singles, powers, singles, types.int32,
     )  # fmt: skip
     return types.void(*kinds), make
@@ -450,7 +470,7 @@ def lanes_of_region_front(
 
 @intrinsic  # type: ignore[untyped-decorator]
 def lanes_of_region_band(
-    typing: Any, square: Any, row_square: Any, borders: Any, r: Any, flip: Any, regions: Any,
+    typing: Any, square: Any, row_square: Any, borders: Any, r: Any, crossing: Any, flip: Any,
     bands: Any, a: Any, b: Any, scale: Any, offset: Any, unsure: Any, index: Any,
 ) -> Any:  # fmt: skip
     """``regions.index_band_plainly``."""
@@ -459,7 +479,7 @@ def lanes_of_region_band(
         squares, table, out = (
             Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 12)
         )
-        _, row_square, _, r, flip, regions, bands, a, b, scale, offset, unsure, _ = args
+        _, row_square, _, r, crossing, flip, bands, a, b, scale, offset, unsure, _ = args
         doubtful = cgutils.alloca_once_value(builder, ir.Constant(_I32, 0))
         last, width = builder.sub(bands, ir.Constant(_I32, 1)), builder.sub(b, a)
         start = builder.and_(builder.sext(a, _I64), ir.Constant(_I64, -WIDTH))
@@ -469,7 +489,7 @@ def lanes_of_region_band(
 
         with _from(builder, start, builder.sext(b, _I64)) as (c, _):
             column = counted(builder, builder.trunc(c, _I32))
-            own = _by_region(builder, table, r, column ^ flip, base, regions)
+            own = _by_region(builder, table, r, crossing, column ^ flip, base)
             at = (squares.load(c) + row_square).of("sqrt") * scale + offset
             unclear = (at - at.of("rint")).of("fabs").below(unsure).to(_I32)
             unclear = unclear.where(column.within(a, width), 0)
@@ -479,7 +499,7 @@ def lanes_of_region_band(
         return builder.load(doubtful)
 
     singles, ints = (types.float32,) * 3, (types.int32,) * 4
-    kinds = (square, types.float32, borders, types.int64, types.int32, types.int64)
+    kinds = (square, types.float32, borders, types.int64, _PAIR, types.int32)
     return types.int32(*kinds, *ints[1:], *singles, index), make
 
 

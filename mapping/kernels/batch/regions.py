@@ -60,12 +60,15 @@ _NOTHING = np.int32(0)
 
 @loop
 def region_borders(
-    beam: Beam, place: Place, row0: int, step: int, rows: int, regions: int, borders: Steps
-) -> None:
+    beam: Beam, place: Place, row0: int, step: int, rows: int, regions: int, spans: Steps,
+    borders: Steps, crossing: Steps,
+) -> None:  # fmt: skip
     """``borders[k, r]``: the column where the cells of region k and above begin or end in a row.
 
     In a row above the sensor they are those left of it: column < border. In the others they are
     those from it on, written so that -1 - column < border tells them. Columns are the array's.
+    ``crossing[:, r]``: of the row's first so many borders all its cells lie beyond, and past so
+    many none does.
     """
     per_cell = 1.0 / place.size_m
     offset = (beam.x - place.origin_x_m) * per_cell - 0.5
@@ -73,6 +76,8 @@ def region_borders(
     # on that side of it on which the beam goes over to the other half.
     missed_above = float(_BEYOND if beam.sin_right <= 0.0 else -_BEYOND)
     missed_below = float(-_BEYOND if beam.sin_left < 0.0 else _BEYOND)
+    for r in range(crossing.shape[1]):
+        crossing[0, r] = crossing[1, r] = 0
     for k in range(1, regions):
         angle = beam.half * (2.0 * k / regions - 1.0)
         c, s = math.cos(angle), math.sin(angle)
@@ -85,11 +90,13 @@ def region_borders(
             np.float64(row0), np.float64(step), place.size_m, place.origin_y_m - beam.y, slope,
             offset, np.float64(_BEYOND), up, missed_up, down, missed_down, np.float64(place.col0),
         )  # fmt: skip
-        _fill_borders(borders, k, rows, limits)
+        _fill_borders(borders, k, rows, limits, spans, crossing)
 
 
 @loop
-def fill_borders_plainly(borders: Steps, k: int, rows: int, limits: Any) -> None:
+def fill_borders_plainly(
+    borders: Steps, k: int, rows: int, limits: Any, spans: Steps, crossing: Steps
+) -> None:
     """One border in all rows."""
     row0, step, size, base_y, slope, offset, most, up, missed_up, down, missed_down, shift = limits
     for r in range(rows):
@@ -98,36 +105,41 @@ def fill_borders_plainly(borders: Steps, k: int, rows: int, limits: Any) -> None
         above = (np.floor(at) + 1.0) * up + missed_up - shift
         below = np.ceil(at) * down + missed_down - shift
         borders[k, r] = np.int32(above if dy > 0.0 else -below)
+        a, b = spans[0, r] - np.int32(shift), spans[3, r] - np.int32(shift)
+        crossing[0, r] += int((b - 1 if dy > 0.0 else -1 - a) < borders[k, r])
+        crossing[1, r] += int((a if dy > 0.0 else -b) < borders[k, r])
 
 
 @loop
-def fill_borders_in_lanes(borders: Steps, k: int, rows: int, limits: Any) -> None:
+def fill_borders_in_lanes(
+    borders: Steps, k: int, rows: int, limits: Any, spans: Steps, crossing: Steps
+) -> None:
     """The same, several rows at a time."""
-    lanes_of_borders(borders, np.int64(k), np.int64(rows), limits)
+    lanes_of_borders(borders, np.int64(k), np.int64(rows), limits, spans, crossing)
 
 
 _fill_borders = fill_borders_in_lanes if WITH_LANES else fill_borders_plainly
 
 
 @inlined_loop
-def _region_of(borders: Steps, r: int, flip: int, c: int, regions: int) -> int:
+def _region_of(borders: Steps, r: int, crossing: Any, flip: Any, c: int) -> int:
     """The angular region of a cell."""
-    own, column = 0, np.int32(c) ^ flip
-    for k in range(1, regions):
+    own, column = np.int64(crossing[0]), np.int32(c) ^ flip
+    for k in range(crossing[0] + 1, crossing[1] + 1):
         own = k if column < borders[k, r] else own
     return own
 
 
 @inlined_loop
 def add_front_plainly(
-    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int, flip: Any,
-    factors: Singles, f: int, g: int, e0: Any, e1: Any,
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int,
+    crossing: Any, flip: Any, factors: Singles, f: int, g: int, e0: Any, e1: Any,
 ) -> None:  # fmt: skip
     """What the cells f to g - 1 of a row lose."""
     for c in range(f, g):
         e = e0 + e1 * np.sqrt(square[c] + dy_squared)
         e = e if e < _UNIT else _UNIT
-        own = factors[_region_of(borders, r, flip, c, factors.size)]
+        own = factors[_region_of(borders, r, crossing, flip, c)]
         z = own * (e if e > _ZERO else _ZERO)
         s = z * z
         t = s * s
@@ -140,20 +152,21 @@ def add_front_plainly(
 
 @inlined_loop
 def add_front_in_lanes(
-    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int, flip: Any,
-    factors: Singles, f: int, g: int, e0: Any, e1: Any,
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int,
+    crossing: Any, flip: Any, factors: Singles, f: int, g: int, e0: Any, e1: Any,
 ) -> None:  # fmt: skip
     """The same, several cells at a time."""
     lanes_of_region_front(
-        cells, row, square, dy_squared, borders, r, flip, factors, np.int32(f), np.int32(g), e0, e1,
+        cells, row, square, dy_squared, borders, r, crossing, flip, factors, np.int32(f),
+        np.int32(g), e0, e1,
         (_A0, _A1, _A2, _A3, _A4, _A5, _A6), _SCALE, LOWEST,
     )  # fmt: skip
 
 
 @inlined_loop
 def index_band_plainly(
-    square: Singles, dy_squared: Any, borders: Steps, r: int, flip: Any, regions: int, bands: int,
-    a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
+    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
+    bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
 ) -> int:  # fmt: skip
     """Where the cells a to b - 1 of a row are in the table; how many are not sure."""
     last, doubtful = np.float32(bands - 1), 0
@@ -161,19 +174,19 @@ def index_band_plainly(
         at = np.sqrt(square[c] + dy_squared) * scale + offset
         doubtful += int(np.int32(abs(at - np.rint(at)) < unsure))
         at = min(np.floor(at), last)
-        own = _region_of(borders, r, flip, c, regions)
+        own = _region_of(borders, r, crossing, flip, c)
         index[c] = np.int32(own * bands + np.int32(at if at > _ZERO else _ZERO))
     return doubtful
 
 
 @inlined_loop
 def index_band_in_lanes(
-    square: Singles, dy_squared: Any, borders: Steps, r: int, flip: Any, regions: int, bands: int,
-    a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
+    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
+    bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
 ) -> int:  # fmt: skip
     """The same, several cells at a time."""
     ends = np.int32(a), np.int32(b)
-    return lanes_of_region_band(square, dy_squared, borders, r, flip, regions, np.int32(bands),
+    return lanes_of_region_band(square, dy_squared, borders, r, crossing, flip, np.int32(bands),
                                 ends[0], ends[1], scale, offset, unsure, index)  # type: ignore[no-any-return]  # fmt: skip
 
 
@@ -204,11 +217,11 @@ _add_table_row = add_table_row_in_lanes if WITH_LANES else add_table_row_plainly
 @inlined_loop
 def _add_band(
     cells: Steps, row: int, place: Place, beam: Beam, scales: tuple[Any, Any, Any],
-    square: Singles, dy_squared: Any, borders: Steps, r: int, flip: Any, regions: int, a: int,
-    b: int, bands: int, table: Steps, index: Steps,
+    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
+    a: int, b: int, bands: int, table: Steps, index: Steps,
 ) -> None:  # fmt: skip
     """What the cells a to b - 1 of a row gain."""
-    doubtful = _index_band(square, dy_squared, borders, r, flip, regions, bands, a, b, scales[0],
+    doubtful = _index_band(square, dy_squared, borders, r, crossing, flip, bands, a, b, scales[0],
                            scales[1], scales[2], index)  # fmt: skip
     if doubtful > 0 and bands > 1:
         begin, depth = beam.front_limit, beam.limit - beam.front_limit
@@ -281,7 +294,7 @@ def _add_rows(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
     bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], rows: int,
     parts: int, says_front: bool, square: Singles, row_square: Singles, index: Steps,
-    borders: Steps, spans: Steps,
+    borders: Steps, crossing: Steps, spans: Steps,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part."""
     row0, _row1, col0, col1 = box
@@ -290,7 +303,7 @@ def _add_rows(
     _squares(start + shift, end - start, np.int64(1), size, place.origin_x_m - beam.x,
              square[start:end])  # fmt: skip
     _squares(row0, rows, parts, size, place.origin_y_m - beam.y, row_square)
-    region_borders(beam, place, row0, parts, rows, regions, borders)
+    region_borders(beam, place, row0, parts, rows, regions, spans, borders, crossing)
     f0, f1 = np.float32(e0), np.float32(e1)
     first = row0 - place.row0
     scales = _band_scales(beam, bands)
@@ -304,13 +317,15 @@ def _add_rows(
         )
         row = first + k * parts
         is_above = (row0 + k * parts + 0.5) * size + place.origin_y_m - beam.y > 0.0
-        flip = np.int32(0 if is_above else -1)
+        flip, own = np.int32(0 if is_above else -1), (crossing[0, k], crossing[1, k])
         if says_front and g > f:
-            _add_front(cells, row, square, row_square[k], borders, k, flip, factors, f, g, f0, f1)
+            _add_front(
+                cells, row, square, row_square[k], borders, k, own, flip, factors, f, g, f0, f1
+            )
         for begin, end in ((a, f), (g, b)):
             if end > begin:
-                _add_band(cells, row, place, beam, scales, square, row_square[k], borders, k, flip,
-                          regions, begin, end, bands, table, index)  # fmt: skip
+                _add_band(cells, row, place, beam, scales, square, row_square[k], borders, k, own,
+                          flip, begin, end, bands, table, index)  # fmt: skip
 
 
 @free_loop
@@ -332,6 +347,7 @@ def add_regions(
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     widths = widths_of(sensors[:, HALF_WIDTH])
     borders = np.empty((regions, doubt.size), np.int32)
+    crossing = np.empty((2, doubt.size), np.int32)
     seen = blank_seen(rows, cols, part, parts)
     xs, ys, headings, ranges, fronts, bands_m, names = readings
     flat = tables.reshape(tables.shape[0], regions * bands)
@@ -354,7 +370,8 @@ def add_regions(
                         cols, says_front)  # fmt: skip
         elif count > 0:
             _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, box, count,
-                      parts, says_front, square, row_square, index, borders, spans)  # fmt: skip
+                      parts, says_front, square, row_square, index, borders, crossing,
+                      spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]
             cells[point_row, point_col] = min(max(np.int32(before + hit), LOWEST), HIGHEST)
