@@ -27,14 +27,14 @@ sys.path.insert(0, str(ROOT))
 
 from mcap.reader import make_reader  # noqa: E402
 
-from recorder import inbox, session_writer  # noqa: E402
 from recorder.clock import NS_PER_S  # noqa: E402
 from recorder.link import LinkEvent, LinkState, Received  # noqa: E402
 from recorder.messages import Message  # noqa: E402
 from recorder.protocols.echogrid import EchogridProtocol, encode  # noqa: E402
 from recorder.protocols.reports import HeadReport, RangeReport, Report, WheelReport  # noqa: E402
-from recorder.recording import record  # noqa: E402
+from recorder.recording import inbox, record  # noqa: E402
 from recorder.session import SessionWriter  # noqa: E402
+from recorder.session import writer as session_writer  # noqa: E402
 from recorder.simulator.robot import WHEELS  # noqa: E402
 from recorder.tracker import Tracker  # noqa: E402
 from recorder.translation import RecordingCounters  # noqa: E402

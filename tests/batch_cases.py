@@ -9,7 +9,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from mapping.beams import Beam
-from mapping.config import Heard, MappingConfig, settle_sensor
+from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
 from mapping.grid import GridGeometry
 from mapping.kernels.batch import steps
 from mapping.kernels.batch.readings import Readings, ends_of, place_of
@@ -17,7 +17,7 @@ from mapping.sensor_model import SENSOR_MODELS, make_temp_grid
 from recorder.geometry import SE2
 from recorder.messages import Radiation
 
-PING = settle_sensor(Heard("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
+PING = resolve_sensor(ReportedSensor("ping", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 GRID = GridGeometry((-1.0, -0.8), 0.05, 33, 41)
 REACH_M = 1.5
 

@@ -27,9 +27,10 @@ from typing import Self
 import numpy as np
 
 from recorder.geometry import SE2
+from recorder.sensors import CATALOGUE, DEFAULT_SENSORS
 from recorder.simulator.drive import Drive
 from recorder.simulator.echoes import range_reading
-from recorder.simulator.robot import RANGERS, WHEELS
+from recorder.simulator.robot import WHEELS
 from recorder.simulator.rooms import Room, load_room
 from recorder.simulator.tracker_server import TrackerServer
 
@@ -82,8 +83,10 @@ class RoomWorld(World):
         self.drive = Drive(room.route_m, WHEELS.track_m)
         self.tracker = TrackerServer()
         self._noise = noise
-        self._rng = {name: np.random.default_rng([seed, i]) for i, name in enumerate(RANGERS)}
-        self._pose_rng = np.random.default_rng([seed, len(RANGERS)])
+        self._rng = {
+            name: np.random.default_rng([seed, i]) for i, name in enumerate(DEFAULT_SENSORS)
+        }
+        self._pose_rng = np.random.default_rng([seed, len(DEFAULT_SENSORS)])
         self._unix_at_boot_s: float | None = None
         self._next_pose_s = 0.0
         self._next_infrared_s = INFRARED_CYCLE_S / 2.0  # in the middle of its measurement
@@ -124,9 +127,9 @@ class RoomWorld(World):
         )  # fmt: skip
 
     def _range_m(self, name: str, t_s: float, head_rad: float) -> float:
-        ranger = RANGERS[name]
-        sensor = self.drive.at(t_s).world_from_base @ SE2(0.0, 0.0, head_rad) @ ranger.mount
-        return range_reading(self.room.walls_m, sensor, ranger, self._noise, self._rng[name])
+        kind = CATALOGUE[name]
+        sensor = self.drive.at(t_s).world_from_base @ SE2(0.0, 0.0, head_rad) @ kind.mount
+        return range_reading(self.room.walls_m, sensor, kind, self._noise, self._rng[name])
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from recorder import inbox
+from recorder.recording import inbox
 from recorder.recording.inbox import Inbox
 
 

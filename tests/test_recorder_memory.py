@@ -12,8 +12,8 @@ from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 
 from benchmarks.recorder_memory import LongRun, indexed_chunks, record_long
-from recorder import session_index
 from recorder.session import SessionWriter, read_session
+from recorder.session import index as session_index
 from recorder.session.index import LIST_OF_THE_LIBRARY, ChunkIndexes
 from recorder.session.writer import new_writer
 
