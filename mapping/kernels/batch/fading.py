@@ -14,17 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.lanes import (
+from mapping.kernels.batch.lanes import WITH_LANES, free_loop, inlined_loop, loop
+from mapping.kernels.batch.lanes_of_rows import (
     POWERS,
-    WITH_LANES,
-    free_loop,
-    inlined_loop,
     lanes_of_gaussians,
     lanes_of_plain_row,
     lanes_of_plain_rows,
     lanes_of_row,
     lanes_of_rows,
-    loop,
 )
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen

@@ -15,15 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.lanes import (
-    WITH_LANES,
-    free_loop,
-    inlined_loop,
+from mapping.kernels.batch.lanes import WITH_LANES, free_loop, inlined_loop, loop
+from mapping.kernels.batch.lanes_of_regions import (
     lanes_of_borders,
     lanes_of_region_band,
     lanes_of_region_front,
     lanes_of_table_row,
-    loop,
 )
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.region_tables import EMPTY_0, EMPTY_T, HALF_WIDTH, LARGEST
@@ -122,9 +119,10 @@ _fill_borders = fill_borders_in_lanes if WITH_LANES else fill_borders_plainly
 
 
 @inlined_loop
-def _region_of(borders: Steps, r: int, crossing: Any, flip: Any, c: int) -> int:
+def _region_of(borders: Steps, r: int, crossing: Any, flip: Any, c: int) -> Any:
     """The angular region of a cell."""
-    own, column = np.int64(crossing[0]), np.int32(c) ^ flip
+    own: Any = np.int64(crossing[0])
+    column = np.int32(c) ^ flip
     for k in range(crossing[0] + 1, crossing[1] + 1):
         own = k if column < borders[k, r] else own
     return own
@@ -183,11 +181,11 @@ def index_band_plainly(
 def index_band_in_lanes(
     square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
     bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
-) -> int:  # fmt: skip
+) -> Any:  # fmt: skip
     """The same, several cells at a time."""
     ends = np.int32(a), np.int32(b)
     return lanes_of_region_band(square, dy_squared, borders, r, crossing, flip, np.int32(bands),
-                                ends[0], ends[1], scale, offset, unsure, index)  # type: ignore[no-any-return]  # fmt: skip
+                                ends[0], ends[1], scale, offset, unsure, index)  # fmt: skip
 
 
 @inlined_loop
