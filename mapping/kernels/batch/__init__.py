@@ -9,8 +9,9 @@ each part owns every so-many-th row, so threads share nothing and change no bit.
 
 Three traps of numba are met in every file. int32 + int32 is int64 unless it is cast back, and that
 halves the speed. An index that may be negative is checked, and that keeps a loop from being
-vectorised, so offsets are unsigned. A vectorised loop leaves its remainder to a slow one, so rows
-are whole groups of 16 cells and masked.
+vectorised, so offsets are unsigned. A vectorised loop leaves its remainder to a slow one, so what
+is done to every row or cell is spelled out in ``lanes``, over whole groups of 16 cells and masked;
+each such step has a plain loop as its twin.
 
 Importing this package costs nothing; its modules load numba.
 """

@@ -14,17 +14,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.lanes import (
+from mapping.kernels.batch.lanes import WITH_LANES, free_loop, inlined_loop, loop
+from mapping.kernels.batch.lanes_of_rows import (
     POWERS,
-    WITH_LANES,
-    free_loop,
-    inlined_loop,
     lanes_of_gaussians,
     lanes_of_plain_row,
     lanes_of_plain_rows,
     lanes_of_row,
     lanes_of_rows,
-    loop,
 )
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
@@ -66,7 +63,7 @@ def gaussians(
     """exp(-(d / 0.35 m)^2) and (d / fade)^2 of the rows or columns first, first + step, ...
 
     d = (index + 0.5) size + to, metres. They go to ``bell[k]`` and ``square[k]``, k < count, which
-    have room for whole groups of eight.
+    have room for whole groups.
     """
     per_near, per_fade = math.sqrt(math.log2(math.e)) / NEAR_M, 1.0 / fade_m
     _fill_gaussians(np.int64(first), np.int64(count), np.int64(step), size, to, per_near, per_fade,
@@ -100,7 +97,7 @@ def fill_gaussians_in_lanes(
     first: int, count: int, step: int, size: float, to: float, per_near: float, per_fade: float,
     bell: Singles, square: Singles,
 ) -> None:  # fmt: skip
-    """Eight at a time."""
+    """Several at a time."""
     lanes_of_gaussians(first, count, step, size, to, per_near, per_fade, bell, square)
 
 
@@ -127,7 +124,7 @@ def add_row_in_lanes(
     cells: Steps, row: int, bell: Singles, square: Singles, a: Any, f: Any, g: Any, b: Any,
     miss: Any, near: Any, depth: Any, hit: Any,
 ) -> None:  # fmt: skip
-    """The same, eight cells at a time; to those outside 0 is added."""
+    """The same, several cells at a time; to those outside 0 is added."""
     bounds = (np.int32(a), np.int32(f), np.int32(g), np.int32(b))
     lanes_of_row(cells, np.int64(row), bell, square, bounds, np.float32(miss), np.float32(near),
                  np.float32(depth), np.int32(hit), LOWEST)  # fmt: skip
@@ -148,7 +145,7 @@ def add_plain_row_plainly(
 def add_plain_row_in_lanes(
     cells: Steps, row: int, a: Any, f: Any, g: Any, b: Any, miss: Any, hit: Any
 ) -> None:
-    """The same, eight cells at a time; to those outside 0 is added."""
+    """The same, several cells at a time; to those outside 0 is added."""
     bounds = (np.int32(a), np.int32(f), np.int32(g), np.int32(b))
     lanes_of_plain_row(cells, np.int64(row), bounds, np.int32(miss), np.int32(hit), LOWEST)
 
@@ -174,7 +171,7 @@ def add_rows_in_lanes(
     cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, bell: Singles,
     square: Singles, row_bell: Singles, row_square: Singles, miss: Any, near: Any, hit: Any,
 ) -> None:  # fmt: skip
-    """The same, eight cells of two rows at a time."""
+    """The same, several cells of two rows at a time."""
     lanes_of_rows(cells, first, step, rows, np.int32(shift), spans, bell, square, row_bell,
                   row_square, miss, near, hit, LOWEST)  # fmt: skip
 
@@ -193,7 +190,7 @@ def add_plain_rows_plainly(
 def add_plain_rows_in_lanes(
     cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, miss: Any, hit: Any
 ) -> None:
-    """The same, eight cells of two rows at a time."""
+    """The same, several cells of two rows at a time."""
     lanes_of_plain_rows(cells, first, step, rows, np.int32(shift), spans, miss, hit, LOWEST)
 
 

@@ -317,8 +317,7 @@ def _add_bands(
             beam = runs[3, k]
             hit = _hit_of(sensor, ranges[beam])
         mark(seen, row // parts, a, b, b, b, True)
-        for c in range(a, b):  # a few cells
-            cells[row, c] = min(np.int32(cells[row, c] + hit), HIGHEST)
+        add_plain_row(cells, row, a, b, b, b, 0, hit)
 
 
 @loop

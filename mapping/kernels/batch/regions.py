@@ -15,10 +15,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.lanes import free_loop, inlined_loop, loop
+from mapping.kernels.batch.lanes import WITH_LANES, free_loop, inlined_loop, loop
+from mapping.kernels.batch.lanes_of_regions import (
+    lanes_of_borders,
+    lanes_of_region_band,
+    lanes_of_region_front,
+    lanes_of_table_row,
+)
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.region_tables import EMPTY_0, EMPTY_T, HALF_WIDTH, LARGEST
-from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_seen
+from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
 from mapping.kernels.batch.spans import (
     BAND,
     OUTSIDE,
@@ -51,11 +57,15 @@ _NOTHING = np.int32(0)
 
 @loop
 def region_borders(
-    beam: Beam, place: Place, row0: int, step: int, rows: int, regions: int, borders: Steps
-) -> None:
+    beam: Beam, place: Place, row0: int, step: int, rows: int, regions: int, spans: Steps,
+    borders: Steps, crossing: Steps,
+) -> None:  # fmt: skip
     """``borders[k, r]``: the column where the cells of region k and above begin or end in a row.
 
-    In a row above the sensor they are those left of it, in the others those from it on.
+    In a row above the sensor they are those left of it: column < border. In the others they are
+    those from it on, written so that -1 - column < border tells them. Columns are the array's.
+    ``crossing[:, r]``: of the row's first so many borders all its cells lie beyond, and past so
+    many none does.
     """
     per_cell = 1.0 / place.size_m
     offset = (beam.x - place.origin_x_m) * per_cell - 0.5
@@ -63,99 +73,170 @@ def region_borders(
     # on that side of it on which the beam goes over to the other half.
     missed_above = float(_BEYOND if beam.sin_right <= 0.0 else -_BEYOND)
     missed_below = float(-_BEYOND if beam.sin_left < 0.0 else _BEYOND)
+    for r in range(crossing.shape[1]):
+        crossing[0, r] = crossing[1, r] = 0
     for k in range(1, regions):
         angle = beam.half * (2.0 * k / regions - 1.0)
         c, s = math.cos(angle), math.sin(angle)
         cos_border, sin_border = c * beam.cos - s * beam.sin, s * beam.cos + c * beam.sin
         slope = cos_border / (sin_border if abs(sin_border) > 1e-300 else 1e-300) * per_cell
         is_up, is_down = sin_border > 0.0, sin_border < 0.0
-        limit = np.float64(_BEYOND)
-        for r in range(rows):
-            dy = (np.float64(row0 + r * step) + 0.5) * place.size_m + place.origin_y_m - beam.y
-            at = min(max(dy * slope + offset, -limit), limit)
-            above = np.floor(at) + 1.0 if is_up else missed_above
-            below = np.ceil(at) if is_down else missed_below
-            borders[k, r] = np.int32(above if dy > 0.0 else below)
+        up, missed_up = (1.0, 0.0) if is_up else (0.0, missed_above)
+        down, missed_down = (1.0, 0.0) if is_down else (0.0, missed_below)
+        limits = (
+            np.float64(row0), np.float64(step), place.size_m, place.origin_y_m - beam.y, slope,
+            offset, np.float64(_BEYOND), up, missed_up, down, missed_down, np.float64(place.col0),
+        )  # fmt: skip
+        _fill_borders(borders, k, rows, limits, spans, crossing)
+
+
+@loop
+def fill_borders_plainly(
+    borders: Steps, k: int, rows: int, limits: Any, spans: Steps, crossing: Steps
+) -> None:
+    """One border in all rows."""
+    row0, step, size, base_y, slope, offset, most, up, missed_up, down, missed_down, shift = limits
+    for r in range(rows):
+        dy = (np.float64(r) * step + row0 + 0.5) * size + base_y
+        at = min(max(dy * slope + offset, -most), most)
+        above = (np.floor(at) + 1.0) * up + missed_up - shift
+        below = np.ceil(at) * down + missed_down - shift
+        borders[k, r] = np.int32(above if dy > 0.0 else -below)
+        a, b = spans[0, r] - np.int32(shift), spans[3, r] - np.int32(shift)
+        crossing[0, r] += int((b - 1 if dy > 0.0 else -1 - a) < borders[k, r])
+        crossing[1, r] += int((a if dy > 0.0 else -b) < borders[k, r])
+
+
+@loop
+def fill_borders_in_lanes(
+    borders: Steps, k: int, rows: int, limits: Any, spans: Steps, crossing: Steps
+) -> None:
+    """The same, several rows at a time."""
+    lanes_of_borders(borders, np.int64(k), np.int64(rows), limits, spans, crossing)
+
+
+_fill_borders = fill_borders_in_lanes if WITH_LANES else fill_borders_plainly
 
 
 @inlined_loop
-def _write_runs(
-    borders: Steps, r: int, is_above: bool, regions: int, bands: int, a: int, b: int, shift: int,
-    factors: Singles, factor: Singles, base: Steps,
-) -> None:  # fmt: skip
-    """The factor of each cell a to b - 1 of a row, and where its region begins in the table."""
-    start, n_last = a, regions - 1
-    for n in range(regions):  # from left to right, so that what is written too far is written over
-        k = n_last - n if is_above else n
-        end = b if n == n_last else min(borders[k if is_above else k + 1, r] - shift, b)
-        if end <= start:
-            continue
-        first, value, row = np.uint64(start), factors[k], np.int32(k * bands)
-        for u in range((end - start + 15) >> 4 << 4):
-            factor[first + np.uint64(u)] = value
-        for u in range((end - start + 15) >> 4 << 4):
-            base[first + np.uint64(u)] = row
-        start = end
+def _region_of(borders: Steps, r: int, crossing: Any, flip: Any, c: int) -> Any:
+    """The angular region of a cell."""
+    own: Any = np.int64(crossing[0])
+    column = np.int32(c) ^ flip
+    for k in range(crossing[0] + 1, crossing[1] + 1):
+        own = k if column < borders[k, r] else own
+    return own
 
 
 @inlined_loop
-def _add_front(
-    cells: Steps, row: int, columns: Steps, square: Singles, dy_squared: float, factor: Singles,
-    f: int, g: int, e0: float, e1: float,
+def add_front_plainly(
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int,
+    crossing: Any, flip: Any, factors: Singles, f: int, g: int, e0: Any, e1: Any,
 ) -> None:  # fmt: skip
     """What the cells f to g - 1 of a row lose."""
-    groups = f >> 4
-    start, count = np.uint64(groups << 4), (((g + 15) >> 4) - groups) << 4
-    f32, width = np.int32(f), np.uint32(g - f)
-    for k in range(count):
-        c = start + np.uint64(k)
+    for c in range(f, g):
         e = e0 + e1 * np.sqrt(square[c] + dy_squared)
         e = e if e < _UNIT else _UNIT
-        z = factor[c] * (e if e > _ZERO else _ZERO)
+        own = factors[_region_of(borders, r, crossing, flip, c)]
+        z = own * (e if e > _ZERO else _ZERO)
         s = z * z
-        p = (((((_A6 * s + _A5) * s + _A4) * s + _A3) * s + _A2) * s + _A1) * s + _A0
-        step = np.int32(np.rint(z * p * _SCALE))
-        step = step if np.uint32(columns[c] - f32) < width else _NOTHING
-        total = np.int32(cells[row, c] + step)
+        t = s * s
+        p = (s * _A5 + _A4) + t * _A6
+        p = (s * _A1 + _A0) + (s * _A3 + _A2) * t + p * (t * t)
+        total = np.int32(cells[row, c] + np.int32(np.rint(z * p * _SCALE)))
         total = total if total < HIGHEST else HIGHEST
         cells[row, c] = total if total > LOWEST else LOWEST
+
+
+@inlined_loop
+def add_front_in_lanes(
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int,
+    crossing: Any, flip: Any, factors: Singles, f: int, g: int, e0: Any, e1: Any,
+) -> None:  # fmt: skip
+    """The same, several cells at a time."""
+    lanes_of_region_front(
+        cells, row, square, dy_squared, borders, r, crossing, flip, factors, np.int32(f),
+        np.int32(g), e0, e1,
+        (_A0, _A1, _A2, _A3, _A4, _A5, _A6), _SCALE, LOWEST,
+    )  # fmt: skip
+
+
+@inlined_loop
+def index_band_plainly(
+    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
+    bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
+) -> int:  # fmt: skip
+    """Where the cells a to b - 1 of a row are in the table; how many are not sure."""
+    last, doubtful = np.float32(bands - 1), 0
+    for c in range(a, b):
+        at = np.sqrt(square[c] + dy_squared) * scale + offset
+        doubtful += int(np.int32(abs(at - np.rint(at)) < unsure))
+        at = min(np.floor(at), last)
+        own = _region_of(borders, r, crossing, flip, c)
+        index[c] = np.int32(own * bands + np.int32(at if at > _ZERO else _ZERO))
+    return doubtful
+
+
+@inlined_loop
+def index_band_in_lanes(
+    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
+    bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
+) -> Any:  # fmt: skip
+    """The same, several cells at a time."""
+    ends = np.int32(a), np.int32(b)
+    return lanes_of_region_band(square, dy_squared, borders, r, crossing, flip, np.int32(bands),
+                                ends[0], ends[1], scale, offset, unsure, index)  # fmt: skip
+
+
+@inlined_loop
+def add_table_row_plainly(
+    cells: Steps, row: int, a: int, b: int, table: Steps, index: Steps
+) -> None:
+    """Add to the cells a to b - 1 of a row what the table has at their places."""
+    for c in range(a, b):
+        total = np.int32(cells[row, c] + table[index[c]])
+        total = total if total < HIGHEST else HIGHEST
+        cells[row, c] = total if total > LOWEST else LOWEST
+
+
+@inlined_loop
+def add_table_row_in_lanes(
+    cells: Steps, row: int, a: int, b: int, table: Steps, index: Steps
+) -> None:
+    """The same, several cells at a time."""
+    lanes_of_table_row(cells, row, np.int32(a), np.int32(b), table, index, LOWEST)
+
+
+_add_front = add_front_in_lanes if WITH_LANES else add_front_plainly
+_index_band = index_band_in_lanes if WITH_LANES else index_band_plainly
+_add_table_row = add_table_row_in_lanes if WITH_LANES else add_table_row_plainly
 
 
 @inlined_loop
 def _add_band(
-    cells: Steps, row: int, place: Place, beam: Beam, columns: Steps, square: Singles,
-    dy_squared: float, base: Steps, a: int, b: int, bands: int, table: Steps, index: Steps,
+    cells: Steps, row: int, place: Place, beam: Beam, scales: tuple[Any, Any, Any],
+    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
+    a: int, b: int, bands: int, table: Steps, index: Steps,
 ) -> None:  # fmt: skip
     """What the cells a to b - 1 of a row gain."""
+    doubtful = _index_band(square, dy_squared, borders, r, crossing, flip, bands, a, b, scales[0],
+                           scales[1], scales[2], index)  # fmt: skip
+    if doubtful > 0 and bands > 1:
+        begin, depth = beam.front_limit, beam.limit - beam.front_limit
+        dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
+        for c in range(a, b):
+            dx = (c + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
+            at = math.floor((math.sqrt(dx * dx + dy * dy) - begin) / depth * bands)
+            index[c] = index[c] // bands * bands + min(max(at, 0), bands - 1)
+    _add_table_row(cells, row, a, b, table, index)
+
+
+@inlined_loop
+def _band_scales(beam: Beam, bands: int) -> tuple[Any, Any, Any]:
+    """Scale and offset of a distance to the number of its band region, and what is not sure."""
     begin, depth = beam.front_limit, beam.limit - beam.front_limit
     scale, offset = np.float32(bands / depth), np.float32(-begin * bands / depth)
-    unsure = np.float32(1e-6 * bands * beam.limit / depth)
-    last, first, doubtful = np.float32(bands - 1), np.uint64(a), 0
-    for k in range((b - a + 15) >> 4 << 4):
-        c = first + np.uint64(k)
-        at = np.sqrt(square[c] + dy_squared) * scale + offset
-        doubtful += int(np.int32(abs(at - np.rint(at)) < unsure))
-        at = np.floor(at)
-        at = at if at < last else last
-        index[c] = np.int32(base[c] + np.int32(at if at > _ZERO else _ZERO))
-    if doubtful > 0 and bands > 1:
-        dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
-        for col in range(a, b):
-            dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
-            at_64 = math.floor((math.sqrt(dx * dx + dy * dy) - begin) / depth * bands)
-            index[col] = base[col] + min(max(at_64, 0), bands - 1)
-    for k in range(b - a):
-        c = first + np.uint64(k)
-        index[c] = table[np.uint32(index[c])]
-    groups = a >> 4
-    start, count = np.uint64(groups << 4), (((b + 15) >> 4) - groups) << 4
-    a32, width = np.int32(a), np.uint32(b - a)
-    for k in range(count):
-        c = start + np.uint64(k)
-        step = index[c] if np.uint32(columns[c] - a32) < width else _NOTHING
-        total = np.int32(cells[row, c] + step)
-        total = total if total < HIGHEST else HIGHEST
-        cells[row, c] = total if total > LOWEST else LOWEST
+    return scale, offset, np.float32(1e-6 * bands * beam.limit / depth)
 
 
 @loop
@@ -210,8 +291,8 @@ def _add_slowly(
 def _add_rows(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
     bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], rows: int,
-    parts: int, says_front: bool, columns: Steps, square: Singles, row_square: Singles,
-    factor: Singles, base: Steps, index: Steps, borders: Steps, spans: Steps,
+    parts: int, says_front: bool, square: Singles, row_square: Singles, index: Steps,
+    borders: Steps, crossing: Steps, spans: Steps,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part."""
     row0, _row1, col0, col1 = box
@@ -220,8 +301,11 @@ def _add_rows(
     _squares(start + shift, end - start, np.int64(1), size, place.origin_x_m - beam.x,
              square[start:end])  # fmt: skip
     _squares(row0, rows, parts, size, place.origin_y_m - beam.y, row_square)
-    region_borders(beam, place, row0, parts, rows, regions, borders)
+    region_borders(beam, place, row0, parts, rows, regions, spans, borders, crossing)
     f0, f1 = np.float32(e0), np.float32(e1)
+    first = row0 - place.row0
+    scales = _band_scales(beam, bands)
+    mark_rows(seen, first // parts, rows, shift, spans, says_front)
     for k in range(rows):
         a, f, g, b = (
             spans[0, k] - shift,
@@ -229,18 +313,17 @@ def _add_rows(
             spans[2, k] - shift,
             spans[3, k] - shift,
         )
-        if b <= a:
-            continue
-        row = row0 - place.row0 + k * parts
-        mark(seen, row // parts, a, f, g, b, says_front)
+        row = first + k * parts
         is_above = (row0 + k * parts + 0.5) * size + place.origin_y_m - beam.y > 0.0
-        _write_runs(borders, k, is_above, regions, bands, a, b, shift, factors, factor, base)
+        flip, own = np.int32(0 if is_above else -1), (crossing[0, k], crossing[1, k])
         if says_front and g > f:
-            _add_front(cells, row, columns, square, row_square[k], factor, f, g, f0, f1)
+            _add_front(
+                cells, row, square, row_square[k], borders, k, own, flip, factors, f, g, f0, f1
+            )
         for begin, end in ((a, f), (g, b)):
             if end > begin:
-                _add_band(cells, row, place, beam, columns, square, row_square[k], base, begin, end,
-                          bands, table, index)  # fmt: skip
+                _add_band(cells, row, place, beam, scales, square, row_square[k], borders, k, own,
+                          flip, begin, end, bands, table, index)  # fmt: skip
 
 
 @free_loop
@@ -257,12 +340,12 @@ def add_regions(
     """
     (rows, cols), stride = observed.shape, cells.shape[1]
     regions, bands = tables.shape[1], tables.shape[2]
-    columns, index = np.arange(stride).astype(np.int32), np.empty(stride + LANES, np.int32)
-    square, row_square = np.zeros(stride + LANES, np.float32), np.empty(rows, np.float32)
-    factor, base = np.empty(stride + LANES, np.float32), np.zeros(stride + LANES, np.int32)
+    index, square = np.empty(stride, np.int32), np.zeros(stride, np.float32)
+    row_square = np.empty(rows, np.float32)
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     widths = widths_of(sensors[:, HALF_WIDTH])
-    borders = np.empty((regions, rows), np.int32)
+    borders = np.empty((regions, doubt.size), np.int32)
+    crossing = np.empty((2, doubt.size), np.int32)
     seen = blank_seen(rows, cols, part, parts)
     xs, ys, headings, ranges, fronts, bands_m, names = readings
     flat = tables.reshape(tables.shape[0], regions * bands)
@@ -285,7 +368,7 @@ def add_regions(
                         cols, says_front)  # fmt: skip
         elif count > 0:
             _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, box, count,
-                      parts, says_front, columns, square, row_square, factor, base, index, borders,
+                      parts, says_front, square, row_square, index, borders, crossing,
                       spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]

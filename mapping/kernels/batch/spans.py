@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.lanes import EIGHT, WITH_LANES, inlined_loop, lanes_of_spans, loop
+from mapping.kernels.batch.lanes import ROOM, WITH_LANES, inlined_loop, loop
+from mapping.kernels.batch.lanes_of_rows import lanes_of_spans
 from mapping.kernels.batch.readings import Place
 from mapping.kernels.footprints import TOLERANCE_M, TOLERANCE_RAD, _in_beam
 
@@ -82,8 +83,8 @@ def beam_between(
 
 @loop
 def span_scratch(rows: int) -> tuple[Columns, Columns]:
-    """``spans`` and ``doubt`` for so many rows, with room for whole groups of eight."""
-    return np.empty((4, rows + EIGHT), np.int32), np.empty(rows + EIGHT, np.int32)
+    """``spans`` and ``doubt`` for so many rows, with room for whole groups."""
+    return np.empty((4, rows + ROOM), np.int32), np.empty(rows + ROOM, np.int32)
 
 
 @loop
@@ -234,7 +235,7 @@ def _limits(beam: Beam, place: Place, box: tuple[int, int, int, int], step: int)
 
 
 @loop
-def fill_spans_plainly(spans: Columns, doubt: Columns, rows: int, limits: Any) -> int:
+def fill_spans_plainly(spans: Columns, doubt: Columns, rows: int, limits: Any) -> Any:
     """Spans of rows and what is in doubt; how many rows are."""
     (row0, step, size, base_y, limit_squared, front_squared, low_r, low_r0, low_l, low_l0, high_r,
      high_r0, high_l, high_l0, far, per_cell, offset, first, after, unsure, flat_m) = (
@@ -268,8 +269,8 @@ def fill_spans_plainly(spans: Columns, doubt: Columns, rows: int, limits: Any) -
 
 
 @loop
-def fill_spans_in_lanes(spans: Columns, doubt: Columns, rows: int, limits: Any) -> int:
-    """The same, eight rows at a time."""
+def fill_spans_in_lanes(spans: Columns, doubt: Columns, rows: int, limits: Any) -> Any:
+    """The same, several rows at a time."""
     return lanes_of_spans(spans, doubt, rows, limits)
 
 

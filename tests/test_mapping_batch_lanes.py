@@ -1,0 +1,157 @@
+"""Steps in lanes give the very bytes of the plain loops that are their twins."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from mapping.kernels.batch import fading, regions, spans, steps
+from mapping.kernels.batch.readings import place_of
+
+ROWS, COLS = 90, 140
+PLACE = place_of((-0.3, 0.1), 0.02, 3, 5)
+
+
+def beam_of(draw):
+    """A beam somewhere in the place, now and then along a row or a column of cells."""
+    half = draw.uniform(0.01, 1.5)
+    heading = draw.choice([draw.uniform(-7, 7), draw.integers(-8, 8) * math.pi / 4])
+    x, y = PLACE.origin_x_m + draw.uniform(0, 2.8), PLACE.origin_y_m + draw.uniform(0, 1.8)
+    front = draw.uniform(0.0, 1.5)
+    widths = spans.widths_of(np.array([half]))
+    return spans.beam_between(x, y, heading, front, front + draw.uniform(0, 0.3), widths, 0)
+
+
+def spans_of(draw, rows, cols):
+    """Spans a <= f <= g <= b of some rows, some of them empty."""
+    table = spans.span_scratch(rows)[0]
+    table[:, :rows] = np.sort(draw.integers(0, cols + 1, (4, rows)), axis=0)
+    table[:, draw.integers(0, rows, rows // 5)] = 7
+    table[1, ::3] = table[2, ::3] = table[3, ::3]
+    return table
+
+
+def map_of(draw):
+    """Cells anywhere between their clamps, many close to one."""
+    cells = steps.blank(ROWS, COLS)
+    near = draw.choice([-steps.CLAMP, 0, steps.CLAMP], cells.shape)
+    cells[:] = np.clip(
+        near + draw.integers(-(2**24), 2**24, cells.shape), -steps.CLAMP, steps.CLAMP
+    )
+    return cells
+
+
+@pytest.mark.parametrize("step", [1, 3])
+def test_spans(step):
+    draw = np.random.default_rng(step)
+    for _ in range(300):
+        beam = beam_of(draw)
+        box = spans.box_of(beam, PLACE, ROWS, COLS)
+        rows = max((box[1] - box[0] + step - 1) // step, 0)
+        limits = spans._limits(beam, PLACE, box, step)
+        plain, lanes = spans.span_scratch(ROWS), spans.span_scratch(ROWS)
+        in_doubt = spans.fill_spans_plainly(*plain, rows, limits)
+        assert spans.fill_spans_in_lanes(*lanes, rows, limits) == in_doubt
+        np.testing.assert_array_equal(lanes[0][:, :rows], plain[0][:, :rows])
+        np.testing.assert_array_equal(lanes[1][:rows], plain[1][:rows])
+
+
+def test_gaussians():
+    draw = np.random.default_rng(3)
+    for count in range(1, 70):
+        plain, lanes = np.zeros((2, 96), np.float32), np.zeros((2, 96), np.float32)
+        arguments = (int(draw.integers(-50, 50)), count, int(draw.integers(1, 4)), 0.02,
+                     draw.uniform(-9, 9), 3.43, 1.0 / draw.uniform(0.1, 9))  # fmt: skip
+        fading.fill_gaussians_plainly(*arguments, *plain)
+        fading.fill_gaussians_in_lanes(*arguments, *lanes)
+        np.testing.assert_array_equal(lanes[:, :count], plain[:, :count])
+
+
+@pytest.mark.parametrize("step", [1, 2])
+def test_rows_of_fading(step):
+    draw = np.random.default_rng(4)
+    for _ in range(40):
+        rows, shift = int(draw.integers(1, ROWS // step)), int(draw.integers(0, 9))
+        table = spans_of(draw, rows, COLS) + np.int32(shift)
+        bell, square, row_bell, row_square = draw.uniform(0, 4, (4, 160)).astype(np.float32)
+        miss, near = -(draw.uniform(0, 8, 2) * steps.ONE).astype(np.float32)
+        hit = np.int32(draw.integers(0, steps.CLAMP))
+        plain, first = map_of(draw), int(draw.integers(0, ROWS - (rows - 1) * step))
+        lanes = plain.copy()
+        place = (first, step, rows, shift, table)
+        arguments = (*place, bell, square, row_bell, row_square, miss, near, hit)
+        fading.add_rows_plainly(plain, *arguments)
+        fading.add_rows_in_lanes(lanes, *arguments)
+        np.testing.assert_array_equal(lanes, plain)
+        fading.add_plain_rows_plainly(plain, *place, np.int32(miss), hit)
+        fading.add_plain_rows_in_lanes(lanes, *place, np.int32(miss), hit)
+        np.testing.assert_array_equal(lanes, plain)
+
+
+def test_one_row_of_fading():
+    draw = np.random.default_rng(5)
+    bell, square = draw.uniform(0, 4, (2, 160)).astype(np.float32)
+    losses = np.float32(-3e7), np.float32(-9e7), np.float32(1.5), np.int32(5_000_000)
+    plain = map_of(draw)
+    lanes = plain.copy()
+    for row, span in enumerate(spans_of(draw, ROWS, COLS)[:, :ROWS].T):
+        fading.add_row_plainly(plain, row, bell, square, *span, *losses)
+        fading.add_row_in_lanes(lanes, row, bell, square, *span, *losses)
+        fading.add_plain_row_plainly(plain, row, *span, np.int32(-9), np.int32(7))
+        fading.add_plain_row_in_lanes(lanes, row, *span, np.int32(-9), np.int32(7))
+    np.testing.assert_array_equal(lanes, plain)
+
+
+@pytest.mark.parametrize("count", [1, 6, 12, 60])
+def test_rows_of_regions(count):
+    draw = np.random.default_rng(count)
+    factors = draw.uniform(0, 0.45, count).astype(np.float32)
+    table = draw.integers(-steps.CLAMP, steps.CLAMP, count * 12).astype(np.int32)
+    square = draw.uniform(0, 3, 160).astype(np.float32)
+    for _ in range(15):
+        beam = beam_of(draw)
+        box = spans.box_of(beam, PLACE, ROWS, COLS)
+        rows = box[1] - box[0]
+        if rows <= 0 or box[3] <= box[2]:
+            continue
+        found, doubt = spans.span_scratch(ROWS)
+        spans.spans_of_rows(beam, PLACE, box, 1, found, doubt)
+        twins = []
+        cells = map_of(draw)
+        for fill, front, band, add in (
+            (regions.fill_borders_plainly, regions.add_front_plainly, regions.index_band_plainly,
+             regions.add_table_row_plainly),
+            (regions.fill_borders_in_lanes, regions.add_front_in_lanes,
+             regions.index_band_in_lanes, regions.add_table_row_in_lanes),
+        ):  # fmt: skip
+            twins.append(rows_of_regions(fill, front, band, add, cells.copy(), beam, box, found,
+                                         count, factors, table, square))  # fmt: skip
+        for plain, lanes in zip(*twins, strict=True):
+            np.testing.assert_array_equal(lanes, plain)
+
+
+def rows_of_regions(fill, front, band, add, cells, beam, box, found, count, factors, table, square):
+    """Borders, map and numbers in doubt, made with one kind of step."""
+    rows = box[1] - box[0]
+    borders = np.zeros((count, found.shape[1]), np.int32)
+    crossing = np.zeros((2, found.shape[1]), np.int32)
+    for k in range(1, count):
+        limits = (float(box[0]), 1.0, PLACE.size_m, PLACE.origin_y_m - beam.y,
+                  math.tan(0.1 * k) / PLACE.size_m, 70.0, 2.0**30, float(k % 3 > 0), 0.0,
+                  float(k % 2), 0.0, float(PLACE.col0))  # fmt: skip
+        fill(borders, k, rows, limits, found, crossing)
+    index, in_doubt = np.zeros(160, np.int32), []
+    for r in range(rows):
+        a, f, g, b = (int(v) - PLACE.col0 for v in found[:, r])
+        own, flip = (crossing[0, r], crossing[1, r]), np.int32(-(r % 2))
+        if b <= a:
+            continue
+        dy_squared, e0, e1 = np.float32(0.3), np.float32(2.0), np.float32(-1.3)
+        front(cells, r, square, dy_squared, borders, r, own, flip, factors, f, g, e0, e1)
+        scale, offset, unsure = np.float32(9.0), np.float32(-4.0), np.float32(0.01)
+        in_doubt.append(band(square, dy_squared, borders, r, own, flip, 12, a, b, scale, offset,
+                             unsure, index))  # fmt: skip
+        add(cells, r, a, b, table, index)
+    return borders[1:, :rows], crossing[:, :rows], cells, np.array(in_doubt)
