@@ -191,16 +191,6 @@ def raw_points(
     return joined
 
 
-def beams_of(placed: Iterable[Readings], sensor: str) -> list[Beam]:
-    """The readings of one sensor as beams, in order."""
-    return [
-        readings.beam(row)
-        for readings in placed
-        for row in range(len(readings))
-        if readings.sensors[readings.sensor[row]].name == sensor
-    ]
-
-
 def _crosses(low_rad: Floats, high_rad: Floats, direction_rad: float) -> NDArray[np.bool_]:
     """Between which angles (N,) a direction lies, any number of turns on."""
     turns = 1.0 / (2.0 * math.pi)
