@@ -23,7 +23,7 @@ def run_file(path: Path) -> ModuleType:
         raise BadInput(f"{path}: a folder, not a Python file")
     if not path.exists():
         raise BadInput(f"{path}: no such file")
-    check_file(path)
+    check_file(path, may_be_empty=True)
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
         raise BadInput(f"{path}: not a Python file (its name must end in .py)")

@@ -141,7 +141,7 @@ def test_rooms_are_found_by_name_and_by_file(tmp_path):
     (tmp_path / "bad.json").write_text("{")
     with pytest.raises(BadInput, match=r"bad\.json: this is no GeoJSON"):
         load_room(tmp_path / "bad.json")
-    with pytest.raises(BadInput, match="directory"):
+    with pytest.raises(BadInput, match="a folder"):
         load_room(tmp_path)
     tiny = {"type": "Polygon", "coordinates": [[[x / 40, y / 40] for x, y in SQUARE]]}
     (tmp_path / "tiny.geojson").write_bytes(drawn(tiny))

@@ -89,8 +89,9 @@ def _check_output(output: Path | None, inputs: tuple[Path, ...], *, force: bool)
     if output.suffix.lower() not in (".png", ".rrd"):
         raise BadInput(f"{output}: a comparison is written as .png or .rrd")
     check_output(output, inputs, force=force)
-    with calling(output, "writing it"), tempfile.TemporaryFile(dir=output.parent):
-        pass  # before all the work
+    with calling(output, "writing it"):  # found out before all the work
+        there = next(folder for folder in output.absolute().parents if folder.exists())
+        tempfile.TemporaryFile(dir=there).close()
 
 
 def _print(report: Report, *, as_json: bool, quiet: bool) -> None:
