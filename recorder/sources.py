@@ -17,13 +17,18 @@ from recorder.columns import Block, Ints, PoseColumns, RangeColumns, ScanColumns
 from recorder.errors import BadInput
 from recorder.frame_links import BASES, FrameLinks, basename
 from recorder.messages import Range, Scan
-from recorder.names import nearest
+from recorder.names import nearest, printable
 
 TF = "/tf"
 OWN_POSES = "/pose"
 FULL_TURN_RAD = math.tau * (1.0 + 1e-6)
 _NOT_THE_ROBOTS = ("goal", "goal_pose", "initialpose", "clicked_pose", "target_pose")
 _FIRST_PLAUSIBLE_NS = 86_400 * 365 * NS_PER_S  # earlier times are not counted from 1970
+
+
+def shown(name: str) -> str:
+    """A name as a message can show it."""
+    return printable(name, most=120)
 
 
 @dataclass(frozen=True, slots=True)
@@ -177,7 +182,9 @@ def _chosen_topics(survey: Survey, asked: Asked) -> dict[str, str]:
     names: dict[str, str] = {}
     for name, topic in asked.sensor_topics.items():
         if topic not in topics:
-            raise BadInput(f"sensors.{name}.topic: no readings on {topic}; {_there(topic, topics)}")
+            raise BadInput(
+                f"sensors.{name}.topic: no readings on {shown(topic)}; {_there(topic, topics)}"
+            )
         if topic in names:
             raise BadInput(f"sensors.{name}.topic: {topic} is that of sensors.{names[topic]}")
         names[topic] = name
@@ -263,7 +270,7 @@ def _pose(
     if wanted:
         if wanted not in poses and not (wanted == TF and world):
             there = [*map(str, poses)] + ([TF] if world else [])
-            raise BadInput(f"pose.topic: no poses on {wanted}; {_there(wanted, there)}")
+            raise BadInput(f"pose.topic: no poses on {shown(wanted)}; {_there(wanted, there)}")
         return wanted, "chosen by pose.topic"
     if OWN_POSES in poses:
         return OWN_POSES, "taken where there is one"
