@@ -220,9 +220,7 @@ def _canonical(
         yield turned
 
 
-def _as_meant(
-    columns: RangeColumns | ScanColumns, *, mirrored: bool
-) -> RangeColumns | ScanColumns:
+def _as_meant(columns: RangeColumns | ScanColumns, *, mirrored: bool) -> RangeColumns | ScanColumns:
     """Readings whose messages state it otherwise than the standard has it."""
     low_m, high_m = columns.min_range_m, columns.max_range_m
     swapped = (high_m < low_m) & (high_m >= 0.0)

@@ -138,7 +138,13 @@ class RangeColumns(Columns):
         rows = zip(*(each.tolist() for each in (self.t_ns, *values, self.radiation)), strict=True)
         return [
             Range(
-                t_ns, self.sensor, range_m, width_rad, min_m, max_m, _RADIATIONS[radiation],
+                t_ns,
+                self.sensor,
+                range_m,
+                width_rad,
+                min_m,
+                max_m,
+                _RADIATIONS[radiation],
                 self.frame,
             )
             for t_ns, range_m, width_rad, min_m, max_m, radiation in rows

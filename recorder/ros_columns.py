@@ -277,9 +277,7 @@ def _read_transforms(
         t_ns = _t_ns(found, f"{name}.header")
         static = topic.endswith("tf_static")
         columns.append(
-            TransformColumns(
-                topic, rows.row, rows.log_ns, t_ns, *motion, parent, child, static, up
-            )
+            TransformColumns(topic, rows.row, rows.log_ns, t_ns, *motion, parent, child, static, up)
         )
     return columns
 

@@ -13,7 +13,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from recorder.clock import NS_PER_S
-from recorder.columns import Block, Ints, PoseColumns, RangeColumns, ScanColumns, TransformColumns
+from recorder.columns import (
+    Block,
+    Columns,
+    Ints,
+    PoseColumns,
+    RangeColumns,
+    ScanColumns,
+    TransformColumns,
+)
 from recorder.errors import BadInput
 from recorder.frame_links import BASES, FrameLinks, basename
 from recorder.messages import Range, Scan
@@ -62,6 +70,26 @@ class PoseTopic:
         t_ns = np.unique(np.concatenate([each.t_ns for each in self.columns]))
         return float(np.median(np.diff(t_ns))) / NS_PER_S if len(t_ns) > 1 else 0.0
 
+    @property
+    def notes(self) -> Iterator[str]:
+        """Whether they lack their times."""
+        unstamped = sum(_unstamped(each) for each in self.columns)
+        if unstamped:
+            yield _stamp_note(self.topic, unstamped, sum(map(len, self.columns)))
+
+
+def _unstamped(columns: Columns) -> int:
+    """How many messages have a stamp of 0, though they arrived in our time."""
+    early = (columns.t_ns < NS_PER_S) & (columns.log_ns > _FIRST_PLAUSIBLE_NS)
+    return int(early.sum())
+
+
+def _stamp_note(topic: str, unstamped: int, count: int) -> str:
+    return (
+        f"{topic}: header.stamp is 0 in {unstamped} of {count} messages; "
+        "--stamps arrival takes the times at which they arrived"
+    )
+
 
 @dataclass(slots=True)
 class ReadingSource:
@@ -109,8 +137,7 @@ class Survey:
         source = self.readings[key]
         source.times.append(columns.t_ns)
         source.count += len(columns)
-        early = (columns.t_ns < _FIRST_PLAUSIBLE_NS) & (columns.log_ns > _FIRST_PLAUSIBLE_NS)
-        source.unstamped += int((early & (columns.t_ns < NS_PER_S)).sum())
+        source.unstamped += _unstamped(columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +198,7 @@ def choose(survey: Survey, asked: Asked) -> Sources:
                  if topic not in (pose, tracker) and not asked.fixed]  # fmt: skip
     names = _named(used, chosen)
     notes = [note for source in used for note in _notes(source, names[source.key], links, base)]
+    notes += [] if known is None else known.notes
     return Sources(
         pose, by_odometry, tracker, base, world, names, links, why, tuple(left_out), tuple(notes)
     )
@@ -319,10 +347,7 @@ def _notes(source: ReadingSource, name: str, links: FrameLinks, base: str) -> It
     """What is taken otherwise than it came, or may surprise."""
     first, topic = source.first, source.topic
     if source.unstamped:
-        yield (
-            f"{topic}: header.stamp is 0 in {source.unstamped} of {source.count} messages; "
-            "--stamps arrival takes the times at which they arrived"
-        )
+        yield _stamp_note(topic, source.unstamped, source.count)
     if isinstance(first, Range) and first.beam_width_rad > FULL_TURN_RAD:
         if is_degrees(first.beam_width_rad):
             yield (
