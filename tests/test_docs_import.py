@@ -69,4 +69,4 @@ def test_the_columns_of_the_table_are_columns() -> None:
         for name in re.findall(r"`([^`]+)`", cell):
             others = {"x:m": "y:m,heading:deg", "y:m": "x:m,heading:deg", "heading:deg": "x:m,y:m",
                       "left": "right", "right": "left"}.get(name, "")  # fmt: skip
-            parse_columns(",".join(part for part in (name, others, "tof:cm") if part))
+            assert parse_columns(",".join(part for part in (name, others, "tof:cm") if part))

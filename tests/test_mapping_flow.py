@@ -21,7 +21,6 @@ from recorder.session import read_session
 from recorder.session.columns import open_session
 
 LOGS = Path(__file__).resolve().parent.parent / "logs"
-SHARED = LOGS.parent.parent / "shared"
 RULES = ("bayes", "odds", "count", "sum", "binary", "dempster-shafer", "himm")
 MODELS = ("fading", "regions", "peak")
 EVERYTHING = [(rule, model) for rule in RULES for model in MODELS]
@@ -82,10 +81,9 @@ def test_a_recorded_session(rule: str, model: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["boxes_A", "flat_B", "lshape_C", "skew_A"])
-def test_shared_rooms(name: str) -> None:
-    path = SHARED / "data" / "rooms" / f"{name}.mcap"
-    if not path.exists():
-        pytest.skip(f"{path} is not there")
+@pytest.mark.real_data
+def test_shared_rooms(shared_data: Path, name: str) -> None:
+    path = shared_data / "rooms" / f"{name}.mcap"
     assert_one_map(list(read_session(path).messages())[:4000], live=False)
 
 

@@ -318,7 +318,7 @@ METHODS = "    def merge(self, cells, temp): pass\n    def values(self, cells): 
         (RULE + "    name = 'mine'\n    start = {'a': 0.0}\n", "class Mine needs a method merge"),
         (MODEL + "    name = 'mine'\n", "class Mine needs a method occupied"),
         (MODEL + "    name = 'm'\n    def __init__(self): raise OSError('no\\nway')\n",
-         r"Mine\(\) fails: no way"),
+         r"Mine\(\) fails: OSError: no way"),
     ],
 )  # fmt: skip
 def test_a_file_that_cannot_be_used_gets_one_line(tmp_path, text, words):

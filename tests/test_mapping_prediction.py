@@ -117,7 +117,7 @@ def test_a_ranger_meets_the_nearest_of_its_cone_and_a_scan_what_is_on_each_axis(
     assert predictor.ranges_m(scan) == pytest.approx([math.inf, 2.0, math.inf])
 
 
-def test_nothing_is_foretold_beyond_the_reach_behind_the_sensor_or_at_the_threshold() -> None:
+def test_nothing_is_predicted_beyond_the_reach_behind_the_sensor_or_at_the_threshold() -> None:
     predictor = with_cells((10, 30))
     assert np.isinf(predictor.ranges_m(beam(0.05, 3.05, math.pi))).all()
     assert np.isinf(predictor.ranges_m(beam(0.05, 3.05, 0.0, reach_m=1.9))).all()
@@ -133,7 +133,7 @@ def test_a_sensor_outside_the_grid_and_a_map_not_begun() -> None:
     assert np.isinf(fresh.ranges_m(beam(0, 3, 0, axes=4))).tolist() == [True] * 4
 
 
-def test_what_is_emptied_again_is_no_longer_foretold() -> None:
+def test_what_is_freed_again_is_no_longer_predicted() -> None:
     predictor = with_cells((10, 30))
     predictor(merged(np.full(GRID.shape, 0.2, np.float32)))
     assert np.isinf(predictor.ranges_m(beam(0.05, 3.05, 0.0))).all()

@@ -25,7 +25,6 @@ from recorder.simulator.robot import simulate
 from recorder.simulator.rooms import load_room
 from recorder.summary import summary_lines
 
-CASE = ROOT.parent / "shared" / "cases" / "tfmini.mcap"
 MUST_HAVE_A_SOURCE = {
     "beam_width_deg", "min_range_m", "max_range_m", "range_error", "rate_hz", "model_parameters",
     "faults",
@@ -115,9 +114,9 @@ def test_a_parameter_that_no_model_has_is_named(monkeypatch: pytest.MonkeyPatch)
         resolve_sensor(ReportedSensor("pong", Radiation.ULTRASOUND), MappingConfig(), mounted=False)
 
 
-@pytest.mark.skipif(not CASE.exists(), reason="the cases are not beside the checkout")
-def test_a_tfmini_is_not_called_swapped() -> None:
-    text = "\n".join(summary_lines(SessionReader(CASE)))
+@pytest.mark.real_data
+def test_a_tfmini_is_not_called_swapped(shared_cases: Path) -> None:
+    text = "\n".join(summary_lines(SessionReader(shared_cases / "tfmini.mcap")))
     assert "2.41 to 3.00 m" in text
     assert "swapped" not in text
     assert "0.8 m" not in text

@@ -101,7 +101,7 @@ def test_the_picture_shows_where(maps: tuple[Path, Path], tmp_path: Path) -> Non
     assert not list(picture.parent.glob("*.part"))
 
 
-def test_red_is_where_b_is_fuller() -> None:
+def test_red_is_where_b_is_more_occupied() -> None:
     """The third panel alone has colour where cells differ, and the highest y is at the top."""
     grid = np.full((20, 20), 0.3, np.float32)
     occupied = grid.copy()

@@ -235,7 +235,7 @@ def test_only_every_third_reading_is_shown_but_all_count(
         assert same_bits(recording.grid(layer), expected[max(expected)])
 
 
-def hard_to_foretell(run: MadeRun) -> list[Artifact]:
+def hard_to_predict(run: MadeRun) -> list[Artifact]:
     """The same run with a rule that nothing can predict: values of random bits."""
     random = np.random.default_rng(7)
     artifacts: list[Artifact] = []
@@ -250,7 +250,7 @@ def hard_to_foretell(run: MadeRun) -> list[Artifact]:
 @pytest.mark.parametrize("hard", [False, True])
 def test_a_budget_is_kept_and_reported(tmp_path: Path, hard: bool) -> None:
     run = MadeRun(readings=700)
-    artifacts = hard_to_foretell(run) if hard else list(run.artifacts())
+    artifacts = hard_to_predict(run) if hard else list(run.artifacts())
     whole = write(tmp_path / "whole.rrd", artifacts, budget_mb=1000.0)
     assert whole.left_out == ""
     whole_mb = (tmp_path / "whole.rrd").stat().st_size / 1e6
@@ -278,7 +278,7 @@ def test_a_budget_too_small_for_the_maps_alone_is_reported(tmp_path: Path) -> No
 def test_what_was_left_out_is_not_made_up(tmp_path: Path) -> None:
     """A step whose exact values were left out says so; it does not hand out older ones."""
     run = MadeRun(readings=420)
-    write(tmp_path / "small.rrd", hard_to_foretell(run), budget_mb=1.5)
+    write(tmp_path / "small.rrd", hard_to_predict(run), budget_mb=1.5)
     recording = read_rrd(tmp_path / "small.rrd")
     inexact = [s.step for s in recording.steps if "ping" not in s.exact and s.step > 200]
     assert inexact

@@ -203,7 +203,7 @@ def test_stepping_forward_and_back_shows_the_right_reading(
 
 
 @pytest.mark.viewer
-def test_what_changed_is_red_where_fuller_and_blue_where_emptier(
+def test_what_changed_is_red_where_more_occupied_and_blue_where_more_free(
     shown: HeadlessViewer, scale: Scale, artifacts: list[Artifact]
 ) -> None:
     shown.bring_to_front(CHANGES)
