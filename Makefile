@@ -36,6 +36,7 @@ screenshot: $(VENV)/.installed-dev ## Make all pictures of the README and the do
 	$(BIN)/python docs/make_rule_pictures.py
 	$(BIN)/python docs/make_diff_picture.py
 	$(BIN)/python -m docs.make_line_pictures
+	-$(BIN)/python -m docs.make_lidar_pictures
 	$(BIN)/python docs/make_firmware_pictures.py
 
 clean: ## Remove the environment and all caches

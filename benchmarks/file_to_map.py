@@ -29,7 +29,9 @@ from recorder.session.columns import open_session
 
 def grids(placed: PlacedSession, config: MappingConfig, threads: int) -> int:
     """All maps of a session, without what is found in them; how many readings they hold."""
-    maps = empty_maps(placed.placement.sensors, geometry_of(placed, config), threads=threads)
+    maps = empty_maps(
+        placed.placement.sensors, geometry_of(placed, config), config.grid, threads=threads
+    )
     readings = 0
     for stretch in stretches(placed, 0):
         for _ in merge(stretch, maps, watched=False):
@@ -40,7 +42,9 @@ def grids(placed: PlacedSession, config: MappingConfig, threads: int) -> int:
 
 def kernels(stretch: Readings, placed: PlacedSession, config: MappingConfig, threads: int) -> None:
     """The merging alone, of readings in memory."""
-    maps = empty_maps(placed.placement.sensors, geometry_of([stretch], config), threads=threads)
+    maps = empty_maps(
+        placed.placement.sensors, geometry_of([stretch], config), config.grid, threads=threads
+    )
     for _ in merge(stretch, maps, watched=False):
         pass
 

@@ -646,7 +646,7 @@ def test_without_rosbags_one_line_names_what_to_install(tmp_path: Path) -> None:
     )
     assert found.returncode == 2
     assert found.stderr.count("\n") == 1
-    assert "pip install 'echogrid[ros]'" in found.stderr
+    assert "pip install rosbags" in found.stderr
 
 
 def test_a_folder_of_nothing(tmp_path: Path) -> None:

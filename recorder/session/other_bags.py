@@ -24,8 +24,8 @@ def copy_bag(path: Path, target: BinaryIO) -> None:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise BadInput(
-            f"{path}: a bag that is no MCAP file is read through rosbags: pip install "
-            "'echogrid[ros]', or convert it with ros2 bag convert (rosbags-convert for ROS 1)"
+            f"{path}: a bag that is no MCAP file is read through rosbags: "
+            "pip install rosbags, or convert it with ros2 bag convert (rosbags-convert for ROS 1)"
         ) from None
     store = get_typestore(Stores.ROS2_HUMBLE)
     writer = Writer(target, compression=CompressionType.ZSTD)

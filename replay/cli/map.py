@@ -52,7 +52,7 @@ def _points(
 @click.command("map", epilog="Example:  echogrid map run.mcap -o run.rrd --export out")
 @click.argument("sessions", nargs=-1, required=True, type=options.INPUT)
 @click.option(
-    "-o", "--output", help="The .rrd to write; - for none; default: beside the session, as its."
+    "-o", "--output", help="The .rrd to write; - for none; default: SESSION.rrd beside it."
 )
 @click.option(
     "--config",
