@@ -52,7 +52,7 @@ def kernels(stretch: Readings, placed: PlacedSession, config: MappingConfig, thr
 def results(placed: PlacedSession, config: MappingConfig) -> None:
     """What is found in the maps: fusion, borders, lines."""
     sensors, geometry = placed.placement.sensors, geometry_of(placed, config)
-    maps, trail = empty_maps(sensors, geometry), Trail(geometry)
+    maps, trail = empty_maps(sensors, geometry, config.grid), Trail(geometry)
     for stretch in stretches(placed, 0):
         for _ in merge(stretch, maps, watched=False):
             pass
