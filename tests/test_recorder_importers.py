@@ -217,6 +217,12 @@ def test_what_cannot_be_guessed_is_shown(tmp_path: Path, header: str) -> None:
         import_log("csv", [text_file(tmp_path, header + "hello\n")], {})
 
 
+def test_counts_of_wheels_are_not_taken_for_ranges(tmp_path: Path) -> None:
+    rows = "".join(f"{100 * i},{64000 + 40 * i},{64000 + 40 * i},40\n" for i in range(20))
+    with pytest.raises(BadInput, match="cannot be guessed .*--columns"):
+        import_log("csv", [text_file(tmp_path, rows)], {})
+
+
 def test_rows_that_do_not_fit_are_counted_and_shown(tmp_path: Path) -> None:
     path = text_file(tmp_path, "0,40\n50,forty\n100,41\n")
     found = import_log("csv", [path], {"columns": "t_ms,ping:cm"})

@@ -23,6 +23,7 @@ _RANGES = {
 _INFRARED = {"ir", "dirrs", "infrared", "sharp"}
 _HEADINGS = {"heading", "theta", "yaw", "phi", "th"}
 _LENGTHS = ("mm", "cm", "m", "in")
+FARTHEST_MM = 15_000.0  # no ranger of those that print plain numbers measures farther
 
 
 def columns_of_names(line: str) -> tuple[Column, ...] | None:
@@ -102,6 +103,8 @@ def columns_of_numbers(rows: Sequence[Sequence[RowField]]) -> tuple[Column, ...]
             texts.append(_time_name(values))
         elif unit == "deg" or (not unit and k <= 1 and width > k + 1 and _is_sweep(values)):
             texts.append("head:deg")
+        elif not unit and np.median(np.abs(values)) > FARTHEST_MM:
+            return None  # counts of wheels, or something else that only its owner knows
         else:
             texts.append(_range_text(next(names), values, unit))
     return _parsed(texts)
