@@ -219,7 +219,7 @@ def test_what_cannot_be_guessed_is_shown(tmp_path: Path, header: str) -> None:
 
 def test_counts_of_wheels_are_not_taken_for_ranges(tmp_path: Path) -> None:
     rows = "".join(f"{100 * i},{64000 + 40 * i},{64000 + 40 * i},40\n" for i in range(20))
-    with pytest.raises(BadInput, match="cannot be guessed .*--columns"):
+    with pytest.raises(BadInput, match=r"cannot be guessed .*--columns"):
         import_log("csv", [text_file(tmp_path, rows)], {})
 
 
