@@ -30,8 +30,10 @@ _CLOCK_NOTES = {
 }
 
 
-def anomalies(session_stats: SessionStats, metadata: Mapping[str, object]) -> Iterator[str]:
-    """What people should look at, one line each."""
+def anomalies(
+    session_stats: SessionStats, metadata: Mapping[str, object], *, posed_by_tf: bool = False
+) -> Iterator[str]:
+    """What people should look at, one line each; ``posed_by_tf``: transforms hold the poses."""
     for topic, readings in session_stats.readings.items():
         for finding in _of_readings(readings):
             yield f"{topic}: {finding}"
@@ -48,7 +50,7 @@ def anomalies(session_stats: SessionStats, metadata: Mapping[str, object]) -> It
             yield f"{topic}: {finding}"
     if session_stats.arrivals_back:
         yield f"the clock of the arrivals steps back {_times(session_stats.arrivals_back)}"
-    yield from _of_the_whole(session_stats)
+    yield from _of_the_whole(session_stats, posed_by_tf)
     yield from _counted(session_stats)
 
 
@@ -144,7 +146,7 @@ def _of_times(times: Times) -> Iterator[str]:
         yield "its clock stands still"
 
 
-def _of_the_whole(session_stats: SessionStats) -> Iterator[str]:
+def _of_the_whole(session_stats: SessionStats, posed_by_tf: bool) -> Iterator[str]:
     """What a map needs and the session lacks."""
     ranging = [
         session_stats.times[topic] for topic in (*session_stats.readings, *session_stats.sweeps)
@@ -152,7 +154,8 @@ def _of_the_whole(session_stats: SessionStats) -> Iterator[str]:
     if not ranging:
         yield "no ranges: there is nothing to map"
     if not session_stats.tracks:
-        yield "no poses: nothing can be put into a map"
+        if not posed_by_tf:
+            yield "no poses: nothing can be put into a map"
     elif ranging:
         posed = [session_stats.times[topic] for topic in session_stats.tracks]
         if min(t.first_ns for t in posed) > max(t.newest_ns for t in ranging) or max(

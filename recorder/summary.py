@@ -12,11 +12,15 @@ from recorder.messages import Record
 from recorder.session import SessionReader
 from recorder.session.parts import PART, parts_beside
 from recorder.session.stats import Readings, SessionStats, Times, Track
-from recorder.sources import Asked, Survey, choose
+from recorder.sources import TF, Asked, Survey, choose
 
 _LONGEST_VALUE = 100
 _PROGRESS_EVERY = 2000
 _TOGETHER = 1000  # records that are looked at as columns
+_FOR_OTHERS = (
+    "nav_msgs/msg/OccupancyGrid",
+    "nav_msgs/msg/Path",
+)  # what a map becomes, written as ROS
 _FIRST_PLAUSIBLE_S = 86_400 * 365  # earlier times are not counted from 1970
 
 
@@ -47,13 +51,15 @@ def summary_lines(
         else:
             kind = channel.type_name or "no type"
             why = f": {channel.why_not}" if channel.why_not else ""
-            yield f"  {channel.topic:20} {text}  not understood ({kind}{why})"
+            what = "for other programs" if kind in _FOR_OTHERS else "not understood"
+            yield f"  {channel.topic:20} {text}  {what} ({kind}{why})"
     yield from _sources(survey)
     yield from _metadata(reader.metadata)
     for name, data in reader.attachments.items():
         yield f"  attachment {name}, {counted(len(data), 'byte')}"
     yield from _parts(reader)
-    for finding in anomalies(session_stats, reader.metadata):
+    by_tf = _posed_by_tf(survey)
+    for finding in anomalies(session_stats, reader.metadata, posed_by_tf=by_tf):
         yield f"  odd: {finding}"
     if reader.unverified:
         unverified = counted(reader.unverified, "message")
@@ -73,6 +79,14 @@ def _sources(survey: Survey) -> Iterator[str]:
     yield from (f"  mapped from {line}" for line in sources.lines())
     yield from (f"  not mapped: {line}" for line in sources.left_out)
     yield from (f"  odd: {note}" for note in sources.notes)
+
+
+def _posed_by_tf(survey: Survey) -> bool:
+    """Whether a map would take its poses from transforms."""
+    try:
+        return bool(survey.readings) and choose(survey, Asked()).pose == TF
+    except BadInput:
+        return False
 
 
 def counted(number: int, thing: str) -> str:
