@@ -213,7 +213,7 @@ def test_wheels_count_every_step_both_ways(make: Make) -> None:
     assert not any("wheels" in text for text in texts(packets))
 
 
-def test_the_head_looks_where_its_lines_say(make: Make) -> None:
+def test_the_head_looks_where_its_lines_place_it(make: Make) -> None:
     world = Scripted()
     packets = whole(packets_of(make, world, 5.0))
     reported = [

@@ -51,7 +51,7 @@ def expected_steps(probability):
 
 @given(st.data(), MODELS.flatmap(lambda model: cases.sensors(model=model)))
 @settings(max_examples=500, deadline=None)
-def test_a_reading_says_what_the_model_says(data, sensor):
+def test_a_reading_is_the_evidence_of_the_model(data, sensor):
     beam = data.draw(cases.beams(sensor))
     _temp, front, band = cases.parts_of(beam, sensor, GRID)
     cells, observed = map_of(cases.columns_of([beam], [sensor]), [sensor])

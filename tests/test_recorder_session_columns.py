@@ -278,7 +278,7 @@ def test_the_definition_that_the_file_carries_counts(tmp_path: Path, changed: st
     ],
 )
 @pytest.mark.parametrize("kind", [Pose, Odometry, Range, Scan, Transform, RawLine])
-def test_messages_that_are_not_what_they_say(
+def test_messages_that_are_not_what_they_claim(
     tmp_path: Path, spoil: Callable[[bytes, int], bytes], kind: type
 ) -> None:
     good = [each for each, m in zip(ours(*of_all_kinds(25)), of_all_kinds(25), strict=True)

@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
-HALF_WIDTH, SAYS_FRONT = range(2)  # columns of the table of sensors
+HALF_WIDTH, WITH_FREE = range(2)  # columns of the table of sensors
 COUNT, BINARY, NOTHING = range(3)  # what a cell in the band gains: 1, being 1, nothing
 
 
@@ -46,7 +46,7 @@ def _gain(values: Floats, row: int, first: int, after: int, what: int) -> None:
 
 @loop
 def _add_wide(
-    values: Floats, seen: Bits, place: Place, beam: Beam, what: int, says_front: bool, part: int,
+    values: Floats, seen: Bits, place: Place, beam: Beam, what: int, with_free: bool, part: int,
     parts: int,
 ) -> None:  # fmt: skip
     """The rows of a beam of 180 degrees and more, each cell looked at on its own."""
@@ -56,7 +56,7 @@ def _add_wide(
         for col in range(col0, col1):
             dx, c = (col + 0.5) * place.size_m + place.origin_x_m - beam.x, col - place.col0
             found = part_of_beam(beam, dx, dy)
-            if found == BAND or (found != OUTSIDE and says_front):
+            if found == BAND or (found != OUTSIDE and with_free):
                 mark(seen, own // parts, c, c, c, c + 1, True)
             if found == BAND:
                 _gain(values, own, c, c + 1, what)
@@ -78,7 +78,7 @@ def add_bands(
     seen, widths = blank_seen(rows, cols, part, parts), widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
-        half, says_front = sensors[names[i], HALF_WIDTH], sensors[names[i], SAYS_FRONT] != 0.0
+        half, with_free = sensors[names[i], HALF_WIDTH], sensors[names[i], WITH_FREE] != 0.0
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
         box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
         if half <= WIDEST_RAD and count > 0:
@@ -89,10 +89,10 @@ def add_bands(
             mark(seen, row // parts, col, col, col, col + 1, True)
             _gain(values, row, col, col + 1, what)
         if half > WIDEST_RAD:
-            _add_wide(values, seen, place, beam, what, says_front, part, parts)
+            _add_wide(values, seen, place, beam, what, with_free, part, parts)
             continue
         shift = place.col0
-        mark_rows(seen, first // parts, count, shift, spans, says_front)
+        mark_rows(seen, first // parts, count, shift, spans, with_free)
         for k in range(count):
             row = first + k * parts
             _gain(values, row, spans[0, k] - shift, spans[1, k] - shift, what)

@@ -269,7 +269,7 @@ def _cell_step(
 @loop
 def _add_slowly(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
-    bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, says_front: bool,
+    bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, with_free: bool,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part, each cell on its own."""
     row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
@@ -281,7 +281,7 @@ def _add_slowly(
             found = part_of_beam(beam, dx, dy)
             if found == OUTSIDE:
                 continue
-            if found == BAND or says_front:
+            if found == BAND or with_free:
                 mark(seen, own // parts, c, c, c, c + 1, True)
             step = _cell_step(beam, dx, dy, found, e0, e1, regions, bands, factors, table)
             cells[own, c] = min(max(np.int32(cells[own, c] + step), LOWEST), HIGHEST)
@@ -291,7 +291,7 @@ def _add_slowly(
 def _add_rows(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
     bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], rows: int,
-    parts: int, says_front: bool, square: Singles, row_square: Singles, index: Steps,
+    parts: int, with_free: bool, square: Singles, row_square: Singles, index: Steps,
     borders: Steps, crossing: Steps, spans: Steps,
 ) -> None:  # fmt: skip
     """The rows of one beam that belong to a part."""
@@ -305,7 +305,7 @@ def _add_rows(
     f0, f1 = np.float32(e0), np.float32(e1)
     first = row0 - place.row0
     scales = _band_scales(beam, bands)
-    mark_rows(seen, first // parts, rows, shift, spans, says_front)
+    mark_rows(seen, first // parts, rows, shift, spans, with_free)
     for k in range(rows):
         a, f, g, b = (
             spans[0, k] - shift,
@@ -316,7 +316,7 @@ def _add_rows(
         row = first + k * parts
         is_above = (row0 + k * parts + 0.5) * size + place.origin_y_m - beam.y > 0.0
         flip, own = np.int32(0 if is_above else -1), (crossing[0, k], crossing[1, k])
-        if says_front and g > f:
+        if with_free and g > f:
             _add_front(
                 cells, row, square, row_square[k], borders, k, own, flip, factors, f, g, f0, f1
             )
@@ -355,7 +355,7 @@ def add_regions(
         own, table = factors[name], flat[name]
         e0 = sensors[name, EMPTY_0]
         e1 = sensors[name, EMPTY_T] / fronts[i] if fronts[i] > 0.0 else 0.0
-        says_front = sensors[name, LARGEST] > 0.0 and e0 > 0.0
+        with_free = sensors[name, LARGEST] > 0.0 and e0 > 0.0
         is_fast = beam.half <= WIDEST_RAD and sensors[name, LARGEST] <= SMALL_Z
         box, _, count = rows_of_part(beam, place, rows, cols, part, parts)
         if beam.half <= WIDEST_RAD and count > 0:
@@ -365,10 +365,10 @@ def add_regions(
         before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
         if not is_fast:
             _add_slowly(cells, seen, place, beam, e0, e1, regions, bands, own, table, part, parts,
-                        cols, says_front)  # fmt: skip
+                        cols, with_free)  # fmt: skip
         elif count > 0:
             _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, box, count,
-                      parts, says_front, square, row_square, index, borders, crossing,
+                      parts, with_free, square, row_square, index, borders, crossing,
                       spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]

@@ -39,9 +39,9 @@ def _mark_run(seen: Bits, row: int, first: int, after: int) -> None:
 
 
 @inlined_loop
-def mark(seen: Bits, row: int, a: int, f: int, g: int, b: int, says_front: bool) -> None:
+def mark(seen: Bits, row: int, a: int, f: int, g: int, b: int, with_free: bool) -> None:
     """Note a row's cells a to b - 1, without its front f to g - 1 where that says nothing."""
-    if says_front:
+    if with_free:
         _mark_run(seen, row, a, b)
     else:
         _mark_run(seen, row, a, f)
@@ -50,12 +50,12 @@ def mark(seen: Bits, row: int, a: int, f: int, g: int, b: int, says_front: bool)
 
 @loop
 def mark_rows(
-    seen: Bits, first: int, rows: int, shift: int, spans: Columns, says_front: bool
+    seen: Bits, first: int, rows: int, shift: int, spans: Columns, with_free: bool
 ) -> None:
     """Note the spans (4, rows) of some rows, that begin at row ``first`` and column ``shift``."""
     for k in range(rows):
         a, f, g, b = spans[0, k], spans[1, k], spans[2, k], spans[3, k]
-        mark(seen, first + k, a - shift, f - shift, g - shift, b - shift, says_front)
+        mark(seen, first + k, a - shift, f - shift, g - shift, b - shift, with_free)
 
 
 @loop
