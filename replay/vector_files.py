@@ -1,25 +1,26 @@
 """Lines, and borders with them, in the formats of other programs: GeoJSON, DXF and SVG, as text.
 
-All are in metres in the map frame, y up. SVG has y down, so there y is negated. The libraries that
-write DXF and SVG are imported when they are needed.
+All are in metres in the map frame, y up. SVG has y down, so there y is negated.
 """
 
 from __future__ import annotations
 
-import io
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from html import escape
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapping.artifacts import Border, Segment
+
+FloatArray = NDArray[np.float64]
 
 # Strokes of one layer each, dark enough on white; further layers start again.
 _COLOURS = ("#1b6ca8", "#c0392b", "#1e8449", "#7d3c98", "#b9770e", "#2c3e50")
 _DXF_COLOURS = (5, 1, 3, 6, 30, 7)
-_METRES = 6  # of DXF's $INSUNITS
+_LAYERS, _FIRST_FREE = 2, 0x2F  # of the empty drawing: its layers, the first number it leaves
 _MARGIN_M = 0.2
 _PIXELS_PER_M = 200.0
 
@@ -63,47 +64,57 @@ def vector_dxf(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> s
     """A DXF drawing (R2010, units metres) with lines and closed polylines.
 
     The drawing's layers are ``NAME segments`` and ``NAME borders``. The same lines give the same
-    text: dates and identifiers are fixed.
+    text: dates and identifiers are fixed. It is an empty drawing of ezdxf's, filled in as ezdxf
+    would; a test compares the two (ezdxf itself takes longer to load than a small map to make).
     """
-    from ezdxf.filemanagement import new
-
-    with _fixed_dates():
-        drawing = new("R2010", units=_METRES)
-    model = drawing.modelspace()
-
-    def layer_for(name: str, what: str) -> str:
-        # DXF forbids some characters in the names of layers.
-        wanted = re.sub(r'[<>/\\":;?*|=`,\x00-\x1f]', "_", f"{name} {what}")
-        if wanted not in drawing.layers:
-            drawing.layers.add(wanted, color=_DXF_COLOURS[len(drawing.layers) % 6])
-        return wanted
-
+    drawing = _Drawing()
     for border in borders:
-        where = {"layer": layer_for(border.layer, "borders")}
-        model.add_lwpolyline(_outline(border), close=True, dxfattribs=where)
+        places = "".join(f" 10\n{x}\n 20\n{y}\n" for x, y in _outline(border))
+        what = f"100\nAcDbPolyline\n 90\n{len(border.cells)}\n 70\n1\n{places}"
+        drawing.add("LWPOLYLINE", f"{border.layer} borders", what)
     for segment in segments:
-        where = {"layer": layer_for(segment.layer, "segments")}
-        model.add_line(segment.start_m, segment.end_m, dxfattribs=where)
-    # ezdxf itself goes through a set of names here, in another order in each process
-    for kind in sorted(drawing.entitydb.dxf_types_in_use()):
-        drawing.classes.add_class(kind)
-    text = io.StringIO()
-    with _fixed_dates():
-        drawing.write(text)
-    return text.getvalue()
+        (x0, y0), (x1, y1) = np.array([segment.start_m, segment.end_m], np.float64).tolist()
+        start, end = f" 10\n{x0}\n 20\n{y0}\n 30\n0.0\n", f" 11\n{x1}\n 21\n{y1}\n 31\n0.0\n"
+        drawing.add("LINE", f"{segment.layer} segments", f"100\nAcDbLine\n{start}{end}")
+    return drawing.text()
 
 
-@contextmanager
-def _fixed_dates() -> Iterator[None]:
-    """Let ezdxf write a fixed date and fixed identifiers; its own switch, set back afterwards."""
-    from ezdxf import options  # type: ignore[attr-defined]  # its documented place
+class _Drawing:
+    """An empty drawing that layers and entities are put into, each with the next free number."""
 
-    before = options.write_fixed_meta_data_for_testing
-    options.write_fixed_meta_data_for_testing = True
-    try:
-        yield
-    finally:
-        options.write_fixed_meta_data_for_testing = before
+    def __init__(self) -> None:
+        self._number = _FIRST_FREE
+        self._layers: dict[str, str] = {}  # by names in small letters, as DXF tells them apart
+        self._entities: list[str] = []
+
+    def add(self, kind: str, layer: str, what: str) -> None:
+        """An entity on a layer, which is made where it is a new one."""
+        # DXF forbids some characters in the names of layers.
+        name = re.sub(r'[<>/\\":;?*|=`,\x00-\x1f]', "_", layer)
+        if name.lower() not in self._layers:
+            colour = _DXF_COLOURS[(len(self._layers) + _LAYERS) % len(_DXF_COLOURS)]
+            self._layers[name.lower()] = (
+                f"  0\nLAYER\n  5\n{self._next()}\n330\n1\n100\nAcDbSymbolTableRecord\n100\n"
+                f"AcDbLayerTableRecord\n  2\n{name}\n 70\n0\n 62\n{colour}\n  6\nContinuous\n"
+                "370\n-3\n390\n13\n347\n21\n"
+            )
+        head = f"  0\n{kind}\n  5\n{self._next()}\n330\n17\n100\nAcDbEntity\n  8\n{name}\n"
+        self._entities.append(head + what)
+
+    def _next(self) -> str:
+        self._number += 1
+        return f"{self._number - 1:X}"
+
+    def text(self) -> str:
+        """The drawing as a file."""
+        text = (Path(__file__).parent / "drawing.dxf").read_text("utf-8")
+        known = {
+            "LAYER COUNT": str(len(self._layers) + _LAYERS),
+            "LAYERS": "".join(self._layers.values()),
+            "ENTITIES": "".join(self._entities), "FIRST": self._next(), "SECOND": self._next(),
+            "THIRD": self._next(), "SEED": self._next(),
+        }  # fmt: skip
+        return re.sub("@([A-Z ]+)@", lambda found: known[found[1]], text)
 
 
 def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:
@@ -111,28 +122,37 @@ def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> s
 
     Every element has its ``data-layer`` and ``data-border``.
     """
-    import drawsvg
-
-    ends = [np.array([s.start_m, s.end_m]) for s in segments]
+    ends = [np.array([s.start_m, s.end_m], np.float64) for s in segments]
     outlines = [np.array(_outline(b)) for b in borders]
     points = np.concatenate([*ends, *outlines]) if ends or outlines else np.zeros((1, 2))
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-    width, height = (float(v) for v in high - low)
-    picture = drawsvg.Drawing(width, height, origin=(float(low[0]), -float(high[1])))
-    picture.set_pixel_scale(_PIXELS_PER_M)
+    (x, _), (_, y) = low.tolist(), high.tolist()
+    width, height = (high - low).tolist()
     names = sorted({s.layer for s in segments} | {b.layer for b in borders})
     colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(names)}
+    lines = [
+        '<?xml version="1.0" encoding="UTF-8"?>',
+        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"',
+        f'     width="{width * _PIXELS_PER_M}" height="{height * _PIXELS_PER_M}" '
+        f'viewBox="{x} {-y} {width} {height}">',
+        "<defs>",
+        "</defs>",
+    ]
     for border, outline in zip(borders, outlines, strict=True):
-        corners = [v for x, y in outline.tolist() for v in (x, -y)]
-        look = {"fill": "none", "stroke": colours[border.layer], "stroke_width": 0.004}
-        attributes = {"data-layer": escape(border.layer), "data-border": border.number}
-        picture.append(drawsvg.Lines(*corners, close=True, **look, **attributes))
-    for segment in segments:
-        (x0, y0), (x1, y1) = segment.start_m, segment.end_m
-        look = {"stroke": colours[segment.layer], "stroke_width": 0.012}
-        attributes = {"data-layer": escape(segment.layer)}  # drawsvg writes attributes as they are
-        if segment.border is not None:
-            attributes["data-border"] = str(segment.border)
-        picture.append(drawsvg.Line(x0, -y0, x1, -y1, stroke_linecap="round", **look, **attributes))
-    svg: str = picture.as_svg()
-    return svg
+        look = f'fill="none" stroke="{colours[border.layer]}" stroke-width="0.004"'
+        lines.append(f'<path d="{_way(outline)} Z" {look} {_of(border.layer, border.number)} />')
+    for segment, both in zip(segments, ends, strict=True):
+        look = f'stroke-linecap="round" stroke="{colours[segment.layer]}" stroke-width="0.012"'
+        lines.append(f'<path d="{_way(both)}" {look} {_of(segment.layer, segment.border)} />')
+    return "\n".join([*lines, "</svg>"])
+
+
+def _way(points_m: FloatArray) -> str:
+    """From the first point to each further one, in SVG's own words."""
+    return " ".join(f"{'L' if k else 'M'}{x},{-y}" for k, (x, y) in enumerate(points_m.tolist()))
+
+
+def _of(layer: str, border: int | None) -> str:
+    """Whose an element is."""
+    owner = f'data-layer="{escape(layer)}"'
+    return owner if border is None else f'{owner} data-border="{border}"'

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import ezdxf
@@ -21,6 +22,7 @@ from replay.vector_files import (
     vector_dxf,
     vector_svg,
 )
+from tests import naive_drawings
 from tests.made_up_grids import thresholded_room
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -109,3 +111,14 @@ def test_geometry_is_that_of_the_map() -> None:
     border = Border("ping", 0, True, geometry, np.array([[0, 0]]))
     (outline,) = ezdxf.read(io.StringIO(vector_dxf([], [border]))).modelspace()
     assert [tuple(place) for place in outline.get_points("xy")] == [(-0.75, 4.25)]
+
+
+@pytest.mark.parametrize("names", [(), ("ping",), ("a", "A", "b/b", "ü"), tuple("abcdefgh")])
+def test_drawings_are_those_of_the_libraries_to_the_byte(
+    segments: list[Segment], borders: list[Border], names: tuple[str, ...]
+) -> None:
+    lines = [replace(s, layer=name, border=k) for name in names for k, s in enumerate(segments[:3])]
+    lines += [replace(s, border=None, start_m=(-0.0, 1e-17)) for s in lines[:1]]
+    outlines = [replace(b, layer=name) for name in names[::-1] for b in borders]
+    assert vector_dxf(lines, outlines) == naive_drawings.dxf(lines, outlines)
+    assert vector_svg(lines, outlines) == naive_drawings.svg(lines, outlines)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 MODELS = ("regions", "peak", "fading")
+SUM, MASSES = range(2)  # the rules
 KINDS = ("none", "constant", "linear", "combined")
 (HALF_WIDTH, MODEL, EMPTINESS, HIT, MISS, NEAR, FADE, P_HIT, P_MISS, A_MAX, Q_MAX) = range(11)
 

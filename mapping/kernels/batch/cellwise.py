@@ -23,6 +23,7 @@ from mapping.kernels.batch.cell_tables import (
     P_HIT,
     P_MISS,
     Q_MAX,
+    SUM,
 )  # fmt: skip
 from mapping.kernels.batch.fading import NEAR_M
 from mapping.kernels.batch.lanes import free_loop, loop
@@ -45,7 +46,6 @@ from mapping.kernels.batch.spans import (
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SUM, MASSES = range(2)  # the rules
 _FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown
 
 
