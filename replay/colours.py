@@ -30,7 +30,7 @@ CONTRADICTION: Colour = (220, 30, 30)
 FUSED: Colour = (130, 130, 130)
 
 _HUES: dict[str, Colour] = {
-    "orange": (245, 120, 0), "violet": (145, 80, 230), "blue": (0, 115, 230),
+    "orange": (245, 110, 0), "violet": (145, 80, 230), "blue": (0, 115, 230),
     "brown": (165, 100, 55), "olive": (135, 145, 20), "rose": (230, 110, 150),
 }  # fmt: skip
 _KINDS = ("orange", "violet", "brown", "blue")  # sound, infrared, time of flight, lasers that scan

@@ -38,7 +38,7 @@ def test_no_two_sensors_look_alike(names):
     "others", [(), ("dirrs",), ("dirrs", "lidar", "front"), ("fused", "ping", "dirrs")]
 )
 def test_a_known_kind_keeps_its_colour_in_any_company(others):
-    assert colours.sensor_colours(["ping", *others])["ping"] == (245, 120, 0)
+    assert colours.sensor_colours(["ping", *others])["ping"] == (245, 110, 0)
     assert colours.sensor_colour_names(["ping", *others])["ping"] == "orange"
 
 
