@@ -32,9 +32,9 @@ from recorder.outputs import written_beside
 from recorder.versions import own_version
 from replay.collector import Collector
 from replay.json_values import json_value
+from replay.pictures.layer_picture import layer_picture
 from replay.pictures.map_svg import map_svg
 from replay.pictures.parts import Floats
-from replay.pictures.layer_picture import layer_picture
 from replay.trajectory import tum_text
 from replay.vector_files import segments_geojson, vector_dxf
 

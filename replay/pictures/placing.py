@@ -20,6 +20,7 @@ Shape = Literal["cells", "line", "dashes", "dot", "area", "robot", "bar"]
 _INCH_PT = 72.0
 _KEY, _KEY_TEXT, _KEY_GAP = 0.30, 0.10, 0.30
 _SIDE = 2.2  # least width of a column of keys beside the map
+_LOWEST = 1.6  # height of a panel, however many rows there are
 _ROOM = 7.4  # height for all panels together, below which a page fits a slide
 
 
@@ -199,7 +200,7 @@ def _grid_of(
         rows = math.ceil(len(panels) / columns)
         wide = (inner - columns * style.AXIS_LEFT - (columns - 1) * style.GAP) / columns
         other = style.AXIS_BELOW + style.PANEL_TITLE
-        tall = min(_ROOM / rows - other, style.TALLEST_PANEL) if rows < 4 else wide * ratio
+        tall = min(max(_ROOM / rows - other, _LOWEST), style.TALLEST_PANEL)
         width = min(wide, tall / ratio)
         if width >= best[2]:
             best = (columns, rows, width, width * ratio)
