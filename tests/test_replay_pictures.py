@@ -33,7 +33,13 @@ from replay.pictures.parts import (
     on_one_scale,
 )
 from replay.pictures.placing import keys_of, place, round_length_m, wrapped
-from replay.pictures.views import GREY_SWATCHES, MapView, frame_around, grey_pixels
+from replay.pictures.views import (
+    GREY_SWATCHES,
+    MapView,
+    around_session,
+    frame_around,
+    grey_pixels,
+)
 from replay.pictures.writing import frames_of
 
 SESSION = ROOT / "logs" / "room.mcap"
@@ -72,6 +78,7 @@ def test_a_reading_looks_the_same_from_the_session_and_from_its_recording(
     of_session = the_view(SESSION, reading=reading)
     of_recording = the_view(mapped / "room.rrd", reading=reading)
     same_map(of_session, of_recording)
+    assert of_session.frame == of_recording.frame == the_view(SESSION).frame
     for view in (of_session, of_recording):
         assert view.over.beam is not None
         assert view.over.beam.number == reading
@@ -118,6 +125,16 @@ def test_a_ghost_makes_no_picture_small() -> None:
     assert true is not None
     assert true.x1 < 1.2
     assert frame_around(NONE[:, 0], NONE, NONE) is None
+
+
+def test_every_moment_of_a_session_without_walls_has_one_frame() -> None:
+    path = np.array([[0.0, 0.0], [1.0, 1.0]])
+    points = np.vstack([np.tile([[0.0, 2.0], [3.0, 0.0]], (100, 1)), [[90.0, 90.0]]])
+    around = around_session(path, points, NONE)
+    frame = frame_around(around, NONE, NONE)
+    assert frame is not None
+    assert 2.0 < frame.y1 < 3.0 < frame.x1 < 4.0
+    np.testing.assert_array_equal(around_session(path, points, UNIT), path)
 
 
 def test_grey_is_white_free_black_occupied_and_its_own_colour_unseen() -> None:

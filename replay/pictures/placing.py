@@ -166,7 +166,7 @@ def place(page: Page, measure: Measure) -> Placed:
     right = max(each.x + each.width for each in panels) + style.GAP
     left_over = style.PAGE_WIDTH - style.MARGIN - right
     if rows == 1 and left_over >= _SIDE and keys:
-        signs, end = _keys_in_rows(keys, right, panels[0].y, left_over, scale, measure)
+        signs, end = _keys_in_rows(keys, right, panels[0].y, 0.0, scale, measure)
         y = max(y, end + 0.1)
     else:
         signs, y = _keys_in_rows(keys, style.MARGIN, y, inner, scale, measure)

@@ -31,7 +31,8 @@ from replay.rrd.pictures import beam_outline
 CLASSES = "classes"  # the view of them
 _AIR = 0.06  # around path and walls, of their longer side
 _LEAST_M = 0.5
-_OUTSIDE = 0.02  # of the length of all lines: so much of it may lie outside the frame on each side
+_OUTSIDE = 0.02  # of all lines or points: so much may lie outside the frame on each side
+_FEW_LINES = 40  # more are drawn thin, or they hide the map
 GREY_SWATCHES = (
     Swatch(style.FREE, "free"), Swatch(style.OCCUPIED, "occupied"),
     Swatch(style.NEVER_SEEN, "never seen"),
@@ -43,6 +44,7 @@ class Overlaid:
     """What lies over a map: ``found_m`` the lines found in it and ``walls_m`` the true ones,
     (K, 2, 2), ``path_m`` (N, 2) where the robot was until then, ``beam`` the reading shown.
 
+    ``around_m`` (M, 2) are the points that a picture of any moment shows, where they are known;
     ``sensors`` are all of the session, for their colours.
     """
 
@@ -50,6 +52,7 @@ class Overlaid:
     walls_m: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
     path_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     beam: Beam | None = None
+    around_m: Floats | None = None
     sensors: tuple[str, ...] = ()
 
 
@@ -82,7 +85,10 @@ class MapView:
     @property
     def placed_frame(self) -> Box | None:
         """The frame around path and walls; None where it has neither."""
-        return frame_around(self.over.path_m, self.over.walls_m, self.over.found_m)
+        over = self.over
+        if over.around_m is not None:
+            return frame_around(over.around_m, over.walls_m, over.found_m[:0])
+        return frame_around(over.path_m, over.walls_m, over.found_m)
 
     @property
     def frame(self) -> Box:
@@ -147,6 +153,17 @@ def box_of(geometry: GridGeometry, window: Window) -> Box:
     return Box(x0, y0, x0 + window.cols * size, y0 + window.rows * size)
 
 
+def around_session(path_m: Floats, points_m: Floats, walls_m: Floats) -> Floats:
+    """What of a session a picture of any of its moments shows, (N, 2), metres.
+
+    The whole path, and where the true walls are not known nearly all obstacle points.
+    """
+    if len(walls_m) or not len(points_m):
+        return path_m
+    corners = np.quantile(points_m, [_OUTSIDE, 1.0 - _OUTSIDE], axis=0)
+    return np.vstack([path_m, corners])
+
+
 def _most_of(lines_m: Floats) -> Floats:
     """The corners of a box that holds nearly all of the length of some lines."""
     lengths = np.hypot(*(lines_m[:, 1] - lines_m[:, 0]).T)
@@ -178,7 +195,8 @@ def panel_of(view: MapView, title: str = "", frame: Box | None = None) -> Panel:
         marks.append(Trail(over.path_m, style.PATH, 1.1, "path"))
     marks += beam_marks(over.beam, over.sensors)
     if len(over.found_m):
-        marks.append(Strokes(over.found_m, style.FOUND_WALL, 2.4, "walls found"))
+        width_pt = 2.4 if len(over.found_m) <= _FEW_LINES else 1.4
+        marks.append(Strokes(over.found_m, style.FOUND_WALL, width_pt, "walls found"))
     if len(over.walls_m):
         marks.append(Strokes(over.walls_m, style.TRUE_WALL, 1.0, "true walls"))
     if over.beam is not None:
