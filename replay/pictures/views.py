@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapping.beams import Beam
 from mapping.grid import GridGeometry, Window
+from replay import colours
 from replay.pictures import style
 from replay.pictures.parts import (
     Area,
@@ -24,8 +25,6 @@ from replay.pictures.parts import (
     Swatch,
     Trail,
 )
-from replay.pictures.sensor_colours import sensor_colour
-from replay.rrd import layout
 from replay.rrd.pictures import beam_outline
 
 CLASSES = "classes"  # the view of them
@@ -121,11 +120,25 @@ def view_of_classes(
     file: str, when: str,
 ) -> MapView:  # fmt: skip
     """Where sensors agree and where they do not; of the classes only those that are there."""
-    table = np.array([layout.class_colour(name, k)[:3] for k, name in enumerate(names)], np.uint8)
+    table = class_colours(names)
     there = np.unique(codes).tolist()
     swatches = tuple(Swatch(tuple(table[k] / 255.0), names[k]) for k in there)
     cells = Cells(geometry, table[codes])
     return MapView(file, CLASSES, when, "", cells, swatches, over)
+
+
+def class_colours(names: Sequence[str]) -> NDArray[np.uint8]:
+    """A colour for each class, (classes, 3): a sensor alone has its own, pale where empty."""
+    alone = {name: name.partition(" alone ")[::2] for name in names if " alone " in name}
+    of_sensor = colours.sensor_colours(sensor for sensor, _ in alone.values())
+    table = {
+        "agree occupied": colours.OCCUPIED, "agree empty": colours.FREE,
+        "contradict": colours.CONTRADICTION,
+    }  # fmt: skip
+    for name, (sensor, state) in alone.items():
+        full = of_sensor[sensor]
+        table[name] = colours.pale(full) if state == "empty" else full
+    return np.array([table.get(name, colours.NEVER_SEEN) for name in names], np.uint8)
 
 
 def frame_around(path_m: Floats, walls_m: Floats, found_m: Floats) -> Box | None:
@@ -208,7 +221,7 @@ def beam_marks(beam: Beam | None, sensors: Sequence[str]) -> list[Mark]:
     """The part of the map that a reading is evidence for, and its obstacle points."""
     if beam is None:
         return []
-    colour = sensor_colour(beam.sensor, sensors)
+    colour = style.sensor_colour(beam.sensor, sensors)
     outline, *axis = beam_outline(beam)
     marks: list[Mark] = [Area(outline, colour, f"beam of {beam.sensor}")]
     marks += [Trail(each, colour, 0.8) for each in axis]
