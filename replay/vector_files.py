@@ -1,28 +1,20 @@
-"""Lines, and borders with them, in the formats of other programs: GeoJSON, DXF and SVG, as text.
+"""Lines, and borders with them, in the formats of other programs: GeoJSON and DXF, as text.
 
-All are in metres in the map frame, y up. SVG has y down, so there y is negated.
+All are in metres in the map frame, y up.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from html import escape
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapping.artifacts import Border, Segment
 
-FloatArray = NDArray[np.float64]
-
-# Strokes of one layer each, dark enough on white; further layers start again.
-_COLOURS = ("#1b6ca8", "#c0392b", "#1e8449", "#7d3c98", "#b9770e", "#2c3e50")
 _DXF_COLOURS = (5, 1, 3, 6, 30, 7)
 _LAYERS, _FIRST_FREE = 2, 0x2F  # of the empty drawing: its layers, the first number it leaves
-_MARGIN_M = 0.2
-_PIXELS_PER_M = 200.0
 
 
 def segments_geojson(segments: Sequence[Segment]) -> str:
@@ -115,44 +107,3 @@ class _Drawing:
             "THIRD": self._next(), "SEED": self._next(),
         }  # fmt: skip
         return re.sub("@([A-Z ]+)@", lambda found: known[found[1]], text)
-
-
-def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:
-    """An SVG picture whose user unit is the metre; y is negated, so that the map stands upright.
-
-    Every element has its ``data-layer`` and ``data-border``.
-    """
-    ends = [np.array([s.start_m, s.end_m], np.float64) for s in segments]
-    outlines = [np.array(_outline(b)) for b in borders]
-    points = np.concatenate([*ends, *outlines]) if ends or outlines else np.zeros((1, 2))
-    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-    (x, _), (_, y) = low.tolist(), high.tolist()
-    width, height = (high - low).tolist()
-    names = sorted({s.layer for s in segments} | {b.layer for b in borders})
-    colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(names)}
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"',
-        f'     width="{width * _PIXELS_PER_M}" height="{height * _PIXELS_PER_M}" '
-        f'viewBox="{x} {-y} {width} {height}">',
-        "<defs>",
-        "</defs>",
-    ]
-    for border, outline in zip(borders, outlines, strict=True):
-        look = f'fill="none" stroke="{colours[border.layer]}" stroke-width="0.004"'
-        lines.append(f'<path d="{_way(outline)} Z" {look} {_of(border.layer, border.number)} />')
-    for segment, both in zip(segments, ends, strict=True):
-        look = f'stroke-linecap="round" stroke="{colours[segment.layer]}" stroke-width="0.012"'
-        lines.append(f'<path d="{_way(both)}" {look} {_of(segment.layer, segment.border)} />')
-    return "\n".join([*lines, "</svg>"])
-
-
-def _way(points_m: FloatArray) -> str:
-    """From the first point to each further one, in SVG's own words."""
-    return " ".join(f"{'L' if k else 'M'}{x},{-y}" for k, (x, y) in enumerate(points_m.tolist()))
-
-
-def _of(layer: str, border: int | None) -> str:
-    """Whose an element is."""
-    owner = f'data-layer="{escape(layer)}"'
-    return owner if border is None else f'{owner} data-border="{border}"'
