@@ -6,7 +6,7 @@ What no kernel knows (a plugin's model or rule, the rasteriser `arcs`, scans by 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING, Protocol
 
@@ -77,7 +77,15 @@ def adders(rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> 
     }
     for number in found.get("fading", ()):
         made[f"scans {number}"] = _FadingScans(sensors[number])
+    for number in mine:
+        if _has_fast_rays(rule, sensors[number]):
+            made[f"scans {number}"] = _FadingRays(sensors[number])
     return made
+
+
+def _has_fast_rays(rule: UpdateRule, sensor: Sensor) -> bool:
+    is_fading = type(SENSOR_MODELS.get(sensor.model)) is Fading and type(rule) in (Bayes, Odds)
+    return is_fading and sensor.rasteriser == "rays" and sensor.clear_to_m is None
 
 
 class _Kernel:
@@ -223,7 +231,6 @@ class _FadingScans:
 
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
         from mapping.kernels.batch.readings import Scans, ends_of
-        from mapping.kernels.loops import add_scans
 
         sensor, start = self.sensor, readings.world_from_sensor
         before, behind = SENSOR_MODELS[sensor.model].band(sensor)
@@ -237,7 +244,13 @@ class _FadingScans:
             scans = Scans(*(np.ascontiguousarray(each, np.float64) for each in columns))
             known = self._axes_of(bearings_rad)
             row = np.array(_fading_row(sensor))
-            in_parts(add_scans, *target, scans, known, row, threads=threads)
+            in_parts(self.kernel(), *target, scans, known, row, threads=threads)
+
+    def kernel(self) -> Callable[..., None]:
+        """The loop that adds them."""
+        from mapping.kernels.loops import add_scans
+
+        return add_scans
 
     def _axes_of(self, bearings_rad: Floats) -> ScanAxes:
         from mapping.kernels.batch.readings import scan_axes
@@ -248,6 +261,16 @@ class _FadingScans:
                 self._axes.clear()
             self._axes[key] = scan_axes(bearings_rad, self.sensor.beam_width_rad / 2.0)
         return self._axes[key]
+
+
+class _FadingRays(_FadingScans):
+    """The same as thin lines."""
+
+    def kernel(self) -> Callable[..., None]:
+        """The loop that adds them."""
+        from mapping.kernels.loops import add_rays
+
+        return add_rays
 
 
 def _same_beams(readings: Readings, rows: Ints) -> Iterator[tuple[Ints, Floats]]:

@@ -87,8 +87,8 @@ class SensorSection(Section):
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
     update: str | None = Field(None, description="update rule: bayes, odds, count ...")
-    rasteriser: Literal["cells", "arcs"] | None = Field(
-        None, description="every cell at its centre, or the chapter's sampling along arcs"
+    rasteriser: Literal["cells", "arcs", "rays"] | None = Field(
+        None, description="every cell at its centre, the chapter's arcs, or a thin line each axis"
     )
     second_grid: bool | None = Field(
         None, description="arcs: sample into a grid of its own, then merge"

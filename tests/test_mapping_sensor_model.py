@@ -375,7 +375,7 @@ def test_an_unknown_name_is_answered_with_the_nearest():
         make_temp_grid(beam_of(0.5), replace(PING, model="fadin"), GRID)
     with pytest.raises(BadInput, match=r"unknown rasteriser 'zzz'; there are cells, arcs"):
         make_temp_grid(beam_of(0.5), replace(PING, rasteriser="zzz"), GRID)
-    assert set(RASTERISERS) == {"cells", "arcs"}
+    assert set(RASTERISERS) == {"cells", "arcs", "rays"}
 
 
 def test_naming_the_models_does_not_load_numba():

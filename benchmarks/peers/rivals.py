@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from benchmarks.peers.sessions import Session
-from mapping.kernels.batch import fading, lidar, regions, steps
+from mapping.kernels.batch import fading, lidar, rays, regions, steps
 from mapping.kernels.batch.readings import Place, Readings, Scans, ends_of, place_of, scan_axes
 from mapping.kernels.batch.region_tables import regions_sensor, tables_of
 from mapping.kernels.batch.spans import beam_between, box_of, span_scratch, spans_of_rows, widths_of
@@ -162,7 +162,10 @@ def _lidar_racers(session: Session, harness: Path | None, folder: Path) -> dict[
     row = np.array([half, LASER["hit"], LASER["miss"], LASER["near"], LASER["fade_m"]])
     job = (cells, observed, place, Scans(x, y, heading, *ends),
            scan_axes(session.bearings_rad, half), row)  # fmt: skip
-    racers: dict[str, Race] = {"nearest axis": cpu(lambda: lidar.add_scans(*job, 0, 1))}
+    racers: dict[str, Race] = {
+        "nearest axis": cpu(lambda: lidar.add_scans(*job, 0, 1)),
+        "thin rays": cpu(lambda: rays.add_rays(*job, 0, 1)),
+    }
     if harness is not None:
         racers["MRPT thin rays"] = mrpt(harness, session, 1, folder)
         racers["MRPT widening beams"] = mrpt(harness, session, 2, folder)

@@ -24,10 +24,13 @@ from mapping.sensor_model.models import (
     region_of,
     regions_table,
 )
+from mapping.sensor_model.rays import rasterise_rays
 from recorder.errors import BadInput
 
 Rasteriser = Callable[[Beam, Sensor, SensorModel, GridGeometry], TempGrid]
-RASTERISERS: dict[str, Rasteriser] = {"cells": rasterise_cells, "arcs": rasterise_arcs}
+RASTERISERS: dict[str, Rasteriser] = {
+    "cells": rasterise_cells, "arcs": rasterise_arcs, "rays": rasterise_rays,
+}  # fmt: skip
 
 __all__ = [
     "RASTERISERS",

@@ -80,7 +80,7 @@ def rasterise_cells(
         covered = _with_point_bands(beam, spans, geometry, window, covered, with_band, free, band)
     if sensor.clear_to_m is not None:
         covered = _cleared_no_farther(covered, sensor.clear_to_m, free, band)
-    beam_cells = _cells_in_beam(beam, spans, covered, band)
+    beam_cells = cells_in_beam(beam, spans, covered, band)
     probability = np.full(free.shape, 0.5)
     probability.ravel()[covered.index] = model.occupied(sensor, beam_cells)
     for array in (probability, band, free):
@@ -191,7 +191,8 @@ def _cleared_no_farther(covered: Covered, clear_to_m: float, free: Flags, band: 
     )  # fmt: skip
 
 
-def _cells_in_beam(beam: Beam, spans: Spans, covered: Covered, band: Flags) -> CellsInBeam:
+def cells_in_beam(beam: Beam, spans: Spans, covered: Covered, band: Flags) -> CellsInBeam:
+    """What a model is asked about the cells found."""
     of_cells = spans.of(covered.owner)
     return CellsInBeam(
         rho_m=covered.rho_m,
