@@ -41,10 +41,10 @@ def rasterise_rays(
     at = np.array([[origin.x_m, origin.y_m]])
     (own,), end_cells = geometry.cells_of(at), geometry.cells_of(ends)
     for axis in said[::-1].tolist():  # of several rays through a cell the first is its owner
-        cells = np.vstack([own, _passed(geometry, beam, axis, end_cells[axis])])
         if (end_cells[axis] == own).all():
             continue
-        cells = _inside(cells - (window.row0, window.col0), window)
+        passed = np.vstack([own, _passed(geometry, beam, axis, end_cells[axis])]).astype(np.int64)
+        cells = _inside(passed - (window.row0, window.col0), window)
         owner[cells[:, 0], cells[:, 1]] = axis
     if sensor.clear_to_m is not None:
         owner[_rho_m(geometry, window, beam) > sensor.clear_to_m] = -1
@@ -91,7 +91,8 @@ def _rho_m(geometry: GridGeometry, window: Window, beam: Beam) -> NDArray[np.flo
     (x0, y0), size, origin = geometry.origin_m, geometry.resolution_m, beam.world_from_sensor
     x = (np.arange(window.col0, window.col0 + window.cols) + 0.5) * size + x0 - origin.x_m
     y = (np.arange(window.row0, window.row0 + window.rows) + 0.5) * size + y0 - origin.y_m
-    return np.hypot(x[None, :], y[:, None])
+    rho_m: NDArray[np.float64] = np.hypot(x[None, :], y[:, None])
+    return rho_m
 
 
 def _temp_grid(
