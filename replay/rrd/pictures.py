@@ -15,6 +15,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.artifacts import MergedGrid, TempGrid
 from mapping.beams import Beam
 from replay.rrd import layout
 
@@ -25,7 +26,7 @@ SLACK = 3.0  # points by which a cell may be drawn off between whole maps
 STRENGTHS = (0.0, 0.002, 0.01, 0.03, 0.1, 0.2)
 _LEVELS = len(STRENGTHS)
 _PNG, _BITS, _INDEXED = b"\x89PNG\r\n\x1a\n", 4, 3
-_PNG_LEVEL = 3
+_PNG_LEVEL = 6
 
 Named = tuple[int, str, layout.Colour]
 
@@ -77,6 +78,17 @@ def strength_names() -> list[Named]:
             alpha = 170 + 70 * level // (_LEVELS - 1)
             named.append((first + level, text, (*colour[:3], alpha)))
     return named
+
+
+def evidence_png(temp: TempGrid, side: int) -> bytes:
+    """The picture of a reading's evidence; see :func:`strength_png`."""
+    return strength_png(strength_classes(temp.probability - 0.5, temp.band | temp.free), side)
+
+
+def change_png(merged: MergedGrid, side: int) -> bytes:
+    """The picture of what a reading changed; see :func:`strength_png`."""
+    difference = merged.probability - merged.previous
+    return strength_png(strength_classes(difference, difference != 0), side)
 
 
 def strength_png(classes: NDArray[np.uint8], side: int) -> bytes:
