@@ -38,6 +38,7 @@ _TUKEY = 3.0
 _SIGMA_M = (0.004, 0.03)  # least and largest spread of points that is believed
 _FIRST_SIGMA_M = 0.02
 _FEW = 3  # points of one kind say nothing of its spread
+_LIT = 0.7  # of the length has points of light: sonars are not asked
 _TURNS_ON = 0.1  # points spread over less of the length (rms) do not turn the line
 _LATER_TURN_RAD = math.radians(8.0)
 
@@ -57,9 +58,7 @@ class Refit:
         return float(np.sqrt(np.mean(self.stretch.frame_of(self.points_m)[1] ** 2)))
 
 
-def refit(
-    line: Stretch, sightings: Sightings, *, within_m: float, min_points: int
-) -> Refit | None:
+def refit(line: Stretch, sightings: Sightings, *, within_m: float, min_points: int) -> Refit | None:
     """The line near ``line`` that the readings support best, or None where they are too few.
 
     ``within_m``: how far the grid may be wrong. The ends stay where they are along the line.
@@ -122,7 +121,8 @@ def _most_covered(
         row = np.minimum((t[can] + reach) * (long / (2.0 * reach)), long - 1).astype(np.int64)
         col = np.minimum((off[can] + within_m) * (wide / (2.0 * within_m)), wide - 1)
         weights = 1.0 / (1.0 + near.range_m[can])  # what is far is less sure
-        counted = np.bincount(row * wide + col.astype(np.int64), weights, long * wide)
+        cell = row * wide + col.astype(np.int64)
+        counted: Floats = np.bincount(cell, weights, long * wide).astype(np.float64)
         covered = share @ np.sqrt(_around(counted.reshape(long, wide)))
         covered *= nearer * (1.0 - _STRAIGHTER * abs(turn) / TURN_RAD)
         if covered.max() > most:
@@ -140,16 +140,18 @@ def _around(counted: Floats) -> Floats:
     np.cumsum(counted, axis=1, out=sums[:, 1:])
     at = np.arange(wide)
     high, low = np.minimum(at + _NEAR_CELLS + 1, wide), np.maximum(at - _NEAR_CELLS, 0)
-    return np.maximum(sums[:, high] - sums[:, low], 0.0)
+    around: Floats = np.maximum(sums[:, high] - sums[:, low], 0.0)
+    return around
 
 
-def _fitted(
-    line: Stretch, first: Stretch, sightings: Sightings, min_points: int
-) -> Refit | None:
+def _fitted(line: Stretch, first: Stretch, sightings: Sightings, min_points: int) -> Refit | None:
     """One round: weights by the distances from ``line``, and the line through what has weight."""
     places, can = sightings.places_on(line)
     t, off = line.frame_of(places)
     can &= (t > line.begin_m - _END_M) & (t < line.end_m + _END_M)
+    lit = ~sightings.arc & can & (np.abs(off) < _TUKEY * _FIRST_SIGMA_M)
+    if _covered(t[lit], line) >= _LIT:
+        can &= ~sightings.arc
     weights, variances = np.zeros(len(t)), np.zeros(len(t))
     for kind in (sightings.arc, ~sightings.arc):
         mine = can & kind
@@ -168,6 +170,13 @@ def _fitted(
     if float(stretch.along @ first.along) < math.cos(_LATER_TURN_RAD):
         stretch = _through(points, w, line, turns=False)
     return Refit(stretch, points, w, variances[has])
+
+
+def _covered(t: Floats, line: Stretch) -> float:
+    """The share of the length of a line that points at ``t`` (M,) along it are spread over."""
+    cells = max(math.ceil(line.length_m / _CELL_M[0]), 1)
+    at = np.floor((t - line.begin_m) * (cells / max(line.length_m, 1e-9)))
+    return len(np.unique(at[(at >= 0) & (at < cells)])) / cells
 
 
 def _through(points_m: Floats, w: Floats, line: Stretch, *, turns: bool = True) -> Stretch:

@@ -113,7 +113,8 @@ class Sightings:
         far_m = np.hypot(way[:, 0], way[:, 1])
         cosine = (way * self.towards).sum(axis=1) / np.maximum(far_m, 1e-9)
         sent_back = np.abs(self.range_m - far_m) < near_m
-        return lit | (self.arc & sent_back & (cosine >= np.cos(self.half_rad)))
+        explained: Flags = lit | (self.arc & sent_back & (cosine >= np.cos(self.half_rad)))
+        return explained
 
     def against(self, wall: Stretch) -> Flags:
         """Which readings (N,) went further than a wall that they should have met."""
@@ -129,7 +130,10 @@ class Sightings:
         through = (self.range_m - way_m) * facing > past_m + _PAST_M
         seen = self.narrow & (facing > _GRAZING) & (met > low) & (met < high) & through
         square = self.arc & (facing >= np.cos(_WELL_FACING * self.half_rad)) & (far_m > _CLOSE_M)
-        return seen | (square & (t > low) & (t < high) & (self.range_m - far_m > 2.0 * past_m))
+        against: Flags = seen | (
+            square & (t > low) & (t < high) & (self.range_m - far_m > 2.0 * past_m)
+        )
+        return against
 
     def ends_on(self, wall: Stretch) -> Floats:
         """Where on the wall each reading (N, 2) ended, if it was this wall that it met."""

@@ -150,9 +150,7 @@ def _joined(
     return done
 
 
-def _standing(
-    walls: list[_Wall], sightings: Sightings, observe: Observer | None
-) -> list[_Wall]:
+def _standing(walls: list[_Wall], sightings: Sightings, observe: Observer | None) -> list[_Wall]:
     """The walls that the readings speak for, and those that none speaks against."""
     explained = [sightings.explained_by(wall.stretch) for wall in walls]
     many = np.array([int(flags.sum()) for flags in explained], np.int64)
@@ -218,16 +216,17 @@ def _points_of(wall: _Wall) -> Floats:
 
 
 def _segment(wall: _Wall, line: FittedLine) -> Segment:
-    ends = {"start_m": place_of(line.start_m), "end_m": place_of(line.end_m)}
-    if wall.fit is None:
-        return replace(wall.given, **ends)
-    rho, alpha, normal = normal_form(line)
+    start, end = place_of(line.start_m), place_of(line.end_m)
     fit = wall.fit
+    if fit is None:
+        return replace(wall.given, start_m=start, end_m=end)
+    rho, alpha, normal = normal_form(line)
     covariance = covariance_of(fit.points_m, normal, fit.variances_m2, fit.weights)
     read_only(covariance)
-    return replace(
-        wall.given, **ends, rho_m=rho, alpha_rad=alpha, covariance=covariance,
-        rms_m=fit.rms_m, points=len(fit.points_m),
+    return Segment(
+        layer=wall.given.layer, source="grid", border=wall.given.border, start_m=start, end_m=end,
+        rho_m=rho, alpha_rad=alpha, covariance=covariance, rms_m=fit.rms_m,
+        points=len(fit.points_m),
     )  # fmt: skip
 
 
