@@ -38,7 +38,7 @@ _TUKEY = 3.0
 _SIGMA_M = (0.004, 0.03)  # least and largest spread of points that is believed
 _FIRST_SIGMA_M = 0.02
 _FEW = 3  # points of one kind say nothing of its spread
-_LIT = 0.7  # of the length has points of light: sonars are not asked
+_SURE_M = 0.007  # light that gives both ends so well needs no sonar
 _TURNS_ON = 0.1  # points spread over less of the length (rms) do not turn the line
 _LATER_TURN_RAD = math.radians(8.0)
 
@@ -150,7 +150,7 @@ def _fitted(line: Stretch, first: Stretch, sightings: Sightings, min_points: int
     t, off = line.frame_of(places)
     can &= (t > line.begin_m - _END_M) & (t < line.end_m + _END_M)
     lit = ~sightings.arc & can & (np.abs(off) < _TUKEY * _FIRST_SIGMA_M)
-    if _covered(t[lit], line) >= _LIT:
+    if _error_at_ends_m(t[lit], off[lit], line) <= _SURE_M:
         can &= ~sightings.arc
     weights, variances = np.zeros(len(t)), np.zeros(len(t))
     for kind in (sightings.arc, ~sightings.arc):
@@ -172,11 +172,15 @@ def _fitted(line: Stretch, first: Stretch, sightings: Sightings, min_points: int
     return Refit(stretch, points, w, variances[has])
 
 
-def _covered(t: Floats, line: Stretch) -> float:
-    """The share of the length of a line that points at ``t`` (M,) along it are spread over."""
-    cells = max(math.ceil(line.length_m / _CELL_M[0]), 1)
-    at = np.floor((t - line.begin_m) * (cells / max(line.length_m, 1e-9)))
-    return len(np.unique(at[(at >= 0) & (at < cells)])) / cells
+def _error_at_ends_m(t: Floats, off: Floats, line: Stretch) -> float:
+    """How well points (M,) give the line at the worse of its two ends: one standard deviation."""
+    many = len(t)
+    if many < _FEW:
+        return math.inf
+    sigma_m = float(np.clip(1.4826 * np.median(np.abs(off)), *_SIGMA_M))
+    spread_m2 = float(np.var(t))
+    far_m = max(abs(end - float(t.mean())) for end in (line.begin_m, line.end_m))
+    return sigma_m * math.sqrt((1.0 + far_m**2 / max(spread_m2, 1e-9)) / many)
 
 
 def _through(points_m: Floats, w: Floats, line: Stretch, *, turns: bool = True) -> Stretch:
