@@ -240,7 +240,9 @@ def _vector_stages(
     )  # fmt: skip
     if config.segments.refit == "points" and not lidar:
         sightings = trail.sightings.of_layer(layer.name)
-        lines = segments_at_walls(lines, raw, sightings, config.segments, observe=observe)
+        lines = segments_at_walls(
+            lines, raw, sightings, config.segments, layer=layer.name, observe=observe
+        )
     yield from _stages_shown(stages, layer.name, "grid", config)
     yield from lines
 

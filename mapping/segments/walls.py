@@ -66,6 +66,7 @@ def segments_at_walls(
     sightings: Sightings,
     config: SegmentsSection,
     *,
+    layer: str,
     observe: Observer | None = None,
 ) -> list[Segment]:
     """The lines of a layer's grid where the readings have the walls, the longest first.
@@ -78,8 +79,8 @@ def segments_at_walls(
         return list(lines)
     walls = [_refitted(line, sightings, config) for line in lines]
     if config.merge != "none":
-        walls += [_Wall(_stretch_of(line), replace(line, source="grid"), None)
-                  for line in raw_lines]  # fmt: skip
+        mine = [replace(line, layer=layer, source="grid") for line in raw_lines]
+        walls += [_Wall(_stretch_of(line), line, None) for line in mine]
         walls = _joined(walls, sightings, config, _has_no_gap(config.gap_m))
         walls = _joined(walls, sightings, config, _has_filled_gap(sightings))
     _report_moves(walls, observe)
