@@ -5,6 +5,7 @@ from replay.cli.diff import diff
 from replay.cli.live import live
 from replay.cli.map import map_
 from replay.cli.replay import replay
+from replay.cli.score import score
 from replay.cli.view import view
 
-COMMANDS = (demo, diff, live, map_, replay, view)
+COMMANDS = (demo, diff, live, map_, replay, score, view)

@@ -1,0 +1,1 @@
+"""How good a map is: against the readings that it was not made of."""
