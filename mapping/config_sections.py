@@ -266,6 +266,9 @@ class ExportSection(Section):
         0.25, description="map_server maps: free where the probability is below it"
     )
     png_bits: Literal[8, 16] = Field(8, description="depth of the grey in LAYER.png")
+    pictures: bool = Field(
+        False, description="also LAYER.picture.png, with walls, path, axes and scale: a second more"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> ExportSection:
