@@ -8,6 +8,7 @@ recording that was cut off while it was written is read as far as it goes.
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import subprocess
 import tempfile
@@ -63,8 +64,15 @@ class RrdRecording:
         self._playing: dict[str, Playback] = {}
         self.config_text = self._file.one_text(layout.CONFIG, "TextDocument:text")
         self.geometry, self.layers, self.walls_m, self._tilings = self._read_grid()
-        self.steps = self._read_steps()
-        self._by_number = {step.step: step for step in self.steps}
+
+    @functools.cached_property
+    def steps(self) -> list[Step]:
+        """All steps, in order."""
+        return self._read_steps()
+
+    @functools.cached_property
+    def _by_number(self) -> dict[int, Step]:
+        return {step.step: step for step in self.steps}
 
     def grid(self, layer: str, step: int | None = None) -> NDArray[np.float32]:
         """Values of a layer at a step (default: the last at which they are exact), (rows, cols).

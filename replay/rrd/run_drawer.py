@@ -14,7 +14,7 @@ from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.probing import CellProbe
 from replay.probe_text import name_of
-from replay.rrd import columns, layout, readings, scene
+from replay.rrd import columns, layout, properties, readings, scene
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.display_layers import DisplayOverlay
@@ -72,6 +72,7 @@ class RunDrawer:
         self._layers = Layers(self.canvas)
         self._results = Results(self.canvas, self._layers)
         scene.set_up(sink, first, self._config_text)
+        properties.note_start(sink, first, self._config_text)
         for name in first.layers:
             self._layers.set_up(name)
         for overlay in self._overlays:
@@ -108,6 +109,7 @@ class RunDrawer:
                     readings.draw_change(canvas, artifact)
             case Finished():
                 texts.append(detail.left_out)
+                properties.note_end(canvas.sink, artifact)
             case _:
                 canvas.wipe()
                 self._results.draw(artifact)
