@@ -54,7 +54,7 @@ def comparison_blueprint(started: Mapping[str, Started]) -> rrb.Blueprint:
     A tab for each layer shows that layer of every map, at the same scale and at the same place, so
     that the eye can go from one to the next.
     """
-    geometry = around([one.geometry for one in started.values()])
+    geometry = _around([one.geometry for one in started.values()])
     layers = list(dict.fromkeys(layer for one in started.values() for layer in one.layers))
     tabs = []
     for layer in layers:
@@ -199,7 +199,7 @@ def _columns(count: int, geometry: GridGeometry) -> int:
     return max(range(1, count + 1), key=lambda columns: _fit(count, columns, geometry))
 
 
-def around(geometries: Sequence[GridGeometry]) -> GridGeometry:
+def _around(geometries: Sequence[GridGeometry]) -> GridGeometry:
     """A grid about as large as all of them together: what every view shows."""
     low = np.min([each.origin_m for each in geometries], axis=0)
     high = np.max([np.add(each.origin_m, each.size_m) for each in geometries], axis=0)

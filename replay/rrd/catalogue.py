@@ -8,11 +8,13 @@ table: a row a run, with its properties and a picture of its map. It is served o
 from __future__ import annotations
 
 import contextlib
+import math
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import rerun.blueprint as rrb
 import rerun_bindings as bindings
 from rerun.blueprint import table
@@ -20,10 +22,11 @@ from rerun.server import Server
 
 from mapping.artifacts import Started
 from mapping.fusion import FUSED
+from mapping.grid import GridGeometry
 from recorder.errors import BadInput
 from replay.rrd import layout
 from replay.rrd.batches import quiet_reader
-from replay.rrd.blueprints import around, default_blueprint, whole_grid
+from replay.rrd.blueprints import default_blueprint
 from replay.rrd.program import LOCAL
 from replay.rrd.properties import COLUMN
 from replay.rrd.reader import RrdRecording, is_whole, read_rrd
@@ -130,18 +133,33 @@ def _opened(file: Path) -> RrdRecording | None:
 
 def _one_for_all(runs: Sequence[RrdRecording]) -> Started:
     """A run with all their layers, on a grid around all of theirs."""
-    geometry = around([run.geometry for run in runs])
+    geometry = _around([run.geometry for run in runs])
     layers = tuple(dict.fromkeys(layer for run in runs for layer in run.layers if layer != FUSED))
     if any(FUSED in run.layers for run in runs):
         layers = (*layers, FUSED)
     return Started(geometry, layers, runs[0].walls_m[:0], 0, 0)
 
 
+def _around(geometries: Sequence[GridGeometry]) -> GridGeometry:
+    """A grid around all of them."""
+    low = np.min([each.origin_m for each in geometries], axis=0)
+    high = np.max([np.add(each.origin_m, each.size_m) for each in geometries], axis=0)
+    cell_m = min(each.resolution_m for each in geometries)
+    cols, rows = (max(math.ceil(size / cell_m), 1) for size in high - low)
+    return GridGeometry((float(low[0]), float(low[1])), cell_m, rows, cols)
+
+
+def _bounds(geometry: GridGeometry) -> rrb.VisualBounds2D:
+    """The part of the viewer's plane, y down, that a grid takes."""
+    (x, y), (width, height) = geometry.origin_m, geometry.size_m
+    return rrb.VisualBounds2D(x_range=[x, x + width], y_range=[-(y + height), -y])
+
+
 def _table(start: Started, runs: Sequence[RrdRecording]) -> table.TableBlueprint:
     """A card for each run, with the map that it ends with; or rows and columns."""
     shown = {FUSED if FUSED in run.layers else run.layers[-1] for run in runs}
     view = rrb.Spatial2DView(
-        origin="/", name="map", visual_bounds=whole_grid(start.geometry),
+        origin="/", name="map", visual_bounds=_bounds(start.geometry),
         contents=[layout.MAP, *(f"{layout.merged(name)}/**" for name in sorted(shown)),
                   layout.WALLS],
     )  # fmt: skip
