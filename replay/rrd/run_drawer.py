@@ -24,6 +24,7 @@ from replay.rrd.prediction import PredictionOverlay
 from replay.rrd.probe import ProbeOverlay
 from replay.rrd.results import Results
 from replay.rrd.sink import RowBuffer, Sink, Stamp
+from replay.rrd.steps import StepList
 from replay.rrd.thinning import Detail
 from replay.rrd.thresholds import ThresholdsOverlay
 
@@ -69,7 +70,8 @@ class RunDrawer:
         assert isinstance(first, Started)
         self._started = first
         self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns))
-        self._layers = Layers(self.canvas)
+        self._steps = StepList(self.canvas.rows)
+        self._layers = Layers(self.canvas, first.layers)
         self._results = Results(self.canvas, self._layers)
         scene.set_up(sink, first, self._config_text)
         properties.note_start(sink, first, self._config_text)
@@ -145,8 +147,8 @@ class RunDrawer:
         if self._explain:
             text = "\n\n".join([describe(artifact), *filter(None, more)])
             self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
-        record = columns.StepRecord(type(artifact).__name__, layer_of(artifact), self._layers.exact)
-        self.canvas.add(layout.STEPS, columns.step_records, record)
+        kind, stamp = type(artifact).__name__, self.canvas.stamp
+        self._steps.add(stamp, kind, layer_of(artifact), self._layers.exact)
 
 
 def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -> RunDrawer:
