@@ -39,6 +39,7 @@ _SIGMA_M = (0.004, 0.03)  # least and largest spread of points that is believed
 _FIRST_SIGMA_M = 0.02
 _FEW = 3  # points of one kind say nothing of its spread
 _SURE_M = 0.007  # light that gives both ends so well needs no sonar
+_PLACE_M = 0.1
 _TURNS_ON = 0.1  # points spread over less of the length (rms) do not turn the line
 _LATER_TURN_RAD = math.radians(8.0)
 
@@ -169,7 +170,28 @@ def _fitted(line: Stretch, first: Stretch, sightings: Sightings, min_points: int
     stretch = _through(points, w, line)
     if float(stretch.along @ first.along) < math.cos(_LATER_TURN_RAD):
         stretch = _through(points, w, line, turns=False)
-    return Refit(stretch, points, w, variances[has])
+    erring = _erring_together(stretch, points, w, variances[has])
+    return Refit(stretch, points, w, erring * variances[has])
+
+
+def _erring_together(stretch: Stretch, points_m: Floats, w: Floats, variances_m2: Floats) -> float:
+    """By how much errors that points in one place share make the line less sure, at least 1.
+
+    The variances of offset and direction from the sums of the residuals place by place (the
+    cluster-robust or sandwich estimate), over those of points that err each on their own.
+    """
+    t, off = stretch.frame_of(points_m)
+    tau = t - float(w @ t) / float(w.sum())
+    _, place = np.unique(np.floor(t / _PLACE_M), return_inverse=True)
+    many = int(place.max()) + 1
+    if many < _FEW:
+        return float(_FEW)
+    larger = 1.0
+    for lever in (w, w * tau):
+        together = np.square(np.bincount(place, lever * off)).sum() * many / (many - 2.0)
+        apart = float(np.square(lever) @ variances_m2)
+        larger = max(larger, float(together) / apart if apart > 0.0 else 1.0)
+    return larger
 
 
 def _error_at_ends_m(t: Floats, off: Floats, line: Stretch) -> float:

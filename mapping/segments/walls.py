@@ -189,7 +189,7 @@ def _in_sight(wall: Stretch, better: list[Stretch], sightings: Sightings) -> Sig
 
 
 def _in_few_places(wall: Stretch, own: Sightings) -> bool:
-    """Whether it is short, and its readings crowd in a few places of it, as those of a corner or a stray echo do.
+    """Whether it is short, and its readings crowd in few places of it, as stray echoes do.
 
     So many readings, thrown at random, would leave exp(-readings / places) of the places empty.
     """
