@@ -141,7 +141,7 @@ def _joined(
     waiting = sorted(walls, key=lambda wall: wall.stretch.length_m)
     while waiting:
         wall = waiting.pop()
-        grows = True
+        alone, grows = wall.stretch, True
         while grows:
             partners = [k for k, other in enumerate(waiting) if one(wall.stretch, other.stretch)]
             grows = bool(partners)
@@ -149,7 +149,8 @@ def _joined(
                 other = waiting.pop(partners[-1])  # the longest
                 stretch = wall.stretch.with_(other.stretch)
                 wall = replace(wall, stretch=stretch)
-        done.append(wall.settled(sightings, config.min_points))
+        same = wall.stretch is alone and wall.fit is not None
+        done.append(wall if same else wall.settled(sightings, config.min_points))
     return done
 
 
