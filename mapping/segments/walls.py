@@ -39,9 +39,10 @@ _FILLED = 0.5  # of the cells of a gap
 _SAME_M, _SAME_RAD = 0.05, math.radians(20.0)
 _SAME = 0.6  # of a line's length along better ones
 _OWN, _OWN_SHARE = 3, 0.1  # readings that no better line explains
-_AGAINST, _AGAINST_SHARE = 2, 0.1  # of its own
+_AGAINST, _AGAINST_SHARE, _AGAINST_LONG = 2, 0.1, 0.5  # of its own; of a long line
 _BEHIND_M = 0.03
-_CROWD, _CROWDED, _PLACE_M, _SHORT_M = 8, 0.4, 0.05, 0.7
+_CROWD, _CROWDED, _PLACE_M = 8, 0.4, 0.05
+_SHORT_M = 0.7
 _TIGHT_M, _TIGHT_SHARE = 0.015, 0.015  # of the wall, for a place of it to be seen
 _CORNER_M, _CORNER_CUT_M, _CORNER_GAP_M = 0.3, 0.5, 0.2
 _CORNER_SINE = 0.5
@@ -167,7 +168,7 @@ def _standing(walls: list[_Wall], sightings: Sightings, observe: Observer | None
         past = int(sightings.against(wall).sum())
         if (
             wall.share_along(better, _SAME_M, _SAME_RAD) >= _SAME
-            or (past >= _AGAINST and past >= _AGAINST_SHARE * len(own))
+            or (past >= _AGAINST and past >= _bearable(wall) * len(own))
             or (many[k] >= _OWN and len(own) < max(_OWN, _OWN_SHARE * many[k]))
             or (lit and _in_few_places(wall, own))
             or _cuts_a_corner(wall, better)
@@ -178,6 +179,11 @@ def _standing(walls: list[_Wall], sightings: Sightings, observe: Observer | None
         taken |= explained[k]
         kept.append(walls[k])
     return kept
+
+
+def _bearable(wall: Stretch) -> float:
+    """How many readings may go past, for each of its own: strays do, by a long wall that stands."""
+    return _AGAINST_SHARE if wall.length_m <= _SHORT_M else _AGAINST_LONG
 
 
 def _in_sight(wall: Stretch, better: list[Stretch], sightings: Sightings) -> Sightings:
