@@ -183,8 +183,8 @@ class SegmentsSection(Section):
     )
     refit: Literal["points", "none"] = Field(
         "points",
-        description="grids: move each line to the raw points that it explains; scans of a laser "
-        "alone need none",
+        description="grids: each line moves to the raw points that it explains, or stays; lines of "
+        "lasers alone, and those by y-on-x, stay",
     )
     method: str = Field("split-and-merge", description="how points become lines")
     epsilon_m: Positive = Field(0.06, description="farthest point from a chord before it is split")
@@ -219,6 +219,11 @@ class SegmentsSection(Section):
     min_points: int = Field(5, ge=2, le=MOST, description="fewer points make no line")
     min_length_m: NonNegative = Field(0.2, description="shorter lines are left out")
     seed: int = Field(0, ge=0, lt=1 << 32, description="of the methods that draw at random")
+
+    @property
+    def refits(self) -> bool:
+        """Whether lines of grids move to the raw points: total least squares, as those are."""
+        return self.refit == "points" and self.fit == "total"
 
     @property
     def largest_rms_m(self) -> float:

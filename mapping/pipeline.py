@@ -239,7 +239,7 @@ def _vector_stages(
         thresholded, borders, config.segments, lidar=lidar, observed=layer.observed,
         reachable=reachable_cells(layer, trail.positions_m), observe=observe,
     )  # fmt: skip
-    if config.segments.refit == "points" and not lidar:
+    if config.segments.refits and not lidar:
         sightings = trail.sightings.of_layer(layer.name)
         lines = segments_at_walls(
             lines, raw, sightings, config.segments, layer=layer.name, observe=observe
