@@ -176,8 +176,8 @@ def add_cellwise(
     """Add readings, in their order, to the rows part, part + parts, ... of a map.
 
     ``cells`` (K, rows, cols) is the rule's: the sum alone (SUM), or the masses occupied, empty,
-    unknown and the conflict (MASSES), or evidence for and against (EVIDENCE). ``observed`` (rows, cols) gets the cells of which anything
-    was said. The tables of S sensors are those of ``cell_tables``.
+    unknown and the conflict (MASSES), or evidence for and against (EVIDENCE). ``observed``
+    (rows, cols) gets the cells of which anything was said. The tables of S sensors are those of ``cell_tables``.
     """
     rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
