@@ -181,6 +181,11 @@ class SegmentsSection(Section):
         description="follow the border of a wall, or the centre line of its band; auto: ridge "
         "for lidars, borders for others",
     )
+    refit: Literal["points", "none"] = Field(
+        "points",
+        description="grids: move each line to the raw points that it explains; scans of a laser "
+        "alone need none",
+    )
     method: str = Field("split-and-merge", description="how points become lines")
     epsilon_m: Positive = Field(0.06, description="farthest point from a chord before it is split")
     fit: Literal["total", "y-on-x"] = Field(

@@ -4,8 +4,9 @@ from replay.cli.demo import demo
 from replay.cli.diff import diff
 from replay.cli.live import live
 from replay.cli.map import map_
+from replay.cli.picture import picture
 from replay.cli.replay import replay
 from replay.cli.score import score
 from replay.cli.view import view
 
-COMMANDS = (demo, diff, live, map_, replay, score, view)
+COMMANDS = (demo, diff, live, map_, picture, replay, score, view)
