@@ -43,6 +43,9 @@ class UpdateRule(Configurable):
     along_axis: ClassVar[bool] = False
     """True where a beam counts as a thin line: cells beside its axis stay as they are."""
 
+    needs_a_view: ClassVar[bool] = False
+    """True where a cell is held back until a beam passed through it: the first one may raise it."""
+
     _configured: ParameterSection | None = None
 
     @property

@@ -16,7 +16,7 @@ from pydantic import Field
 
 from mapping.artifacts import TempGrid
 from mapping.numbers import expit
-from mapping.update_rules.base import Cells, Flags, Floats, UpdateRule
+from mapping.update_rules.base import Cells, Floats, UpdateRule
 from mapping.update_rules.pooled_weights import MEDIUM, Weights, weights_of
 from mapping.update_rules.saturating import in_steps
 from recorder.sensors import SensorKind
@@ -39,13 +39,15 @@ class Pooled(UpdateRule):
     and the distance of a cell that was passed through; ``on_arc`` are hits on the arc itself, not
     in the band behind it; ``before_arc`` misses in the last 15 cm before an arc; ``misses_near``
     and ``misses_middle`` those nearer than 0.2 m and 0.4 m. ``nearest_miss_m`` and
-    ``nearest_hit_m`` are the least range of either, taken as they are. A cell that was never passed
-    through is not rather free, one that was never hit not rather occupied. Sums of whole steps and
-    least values are the same in any order, and those of two maps give the map of both.
+    ``nearest_hit_m`` are the least range of either, taken as they are. A cell that was never hit
+    is not rather occupied. One that no beam passed through is not rather free, and of a sonar not
+    surely occupied: that lies behind walls, mostly. Sums of whole steps and least values are the
+    same in any order, and those of two maps give the map of both.
     """
 
     name = "pooled"
     per_sample = False
+    needs_a_view = True
     start: ClassVar[dict[str, float]] = {
         "hits": 0.0, "misses": 0.0, "on_arc": 0.0, "before_arc": 0.0, "misses_near": 0.0,
         "misses_middle": 0.0, "nearest_miss_m": FARTHEST_MISS_M, "nearest_hit_m": FARTHEST_HIT_M,
@@ -82,12 +84,13 @@ class Pooled(UpdateRule):
             np.minimum(cells[name], metres, out=cells[name], where=those)
 
     def values(self, cells: Cells) -> Floats:
-        total = np.full(cells["hits"].shape, self.learned.bias)
+        learned = self.learned
+        total = np.full(cells["hits"].shape, learned.bias)
         for term in self._weighted(cells).values():
             total += term
-        never_hit, never_passed = _never(cells, "hit"), _never(cells, "miss")
-        total[never_hit] = np.minimum(total[never_hit], 0.0)
-        total[never_passed] = np.maximum(total[never_passed], 0.0)
+        total = np.where(cells["hits"] == 0.0, np.minimum(total, 0.0), total)
+        held = np.clip(total, 0.0, learned.most_unpassed)
+        total = np.where(cells["misses"] == 0.0, held, total)
         return expit(MOST * np.tanh(total / MOST))
 
     def extra(self, cells: Cells) -> dict[str, Floats]:
@@ -103,13 +106,6 @@ class Pooled(UpdateRule):
             name: of[name] * (array if name.startswith("nearest") else np.log1p(array))
             for name, array in cells.items()
         }
-
-
-def _never(cells: Cells, what: str) -> Flags:
-    """Cells without any reading of a sort: the sum is 0 and the least range never sank."""
-    if what == "hit":
-        return np.asarray(cells["hits"] == 0.0)
-    return np.asarray(cells["misses"] == 0.0)
 
 
 def arc_end_m(range_m: Floats, cell_m: float) -> Floats:

@@ -30,9 +30,12 @@ class Weights:
     """What a kind of sensor's sums are worth: log-odds = bias + the sum of weight x term.
 
     ``fade_m`` is the range at which a reading counts half in the sums ``hits`` and ``misses``.
+    ``most_unpassed`` is the most log-odds of a cell that no beam passed through: wide beams pass
+    through nearly every wall's cells on their way past it, but not through what lies behind walls.
     """
 
     fade_m: float
+    most_unpassed: float
     bias: float
     of: Mapping[str, float]
 
@@ -65,17 +68,20 @@ def _checked(table: Any, subject: str) -> Weights:
     """A table of a file as weights. A weight whose sign makes evidence count the wrong way is
     refused: more hits can only make a cell more occupied, more misses more free."""
     if not isinstance(table, dict) or not isinstance(table.get("weights"), dict):
-        raise BadInput(f"{subject}: weights of `pooled` are fade_m, bias and a table weights")
+        raise BadInput(
+            f"{subject}: weights of `pooled` are fade_m, most_unpassed, bias, and a table weights"
+        )
     of = {name: table["weights"].get(name) for name in SIGNS}
-    numbers = {**of, "fade_m": table.get("fade_m"), "bias": table.get("bias")}
+    numbers = {**of, **{name: table.get(name) for name in ("fade_m", "most_unpassed", "bias")}}
     for name, value in numbers.items():
         if not isinstance(value, int | float) or not abs(value) <= _MOST:
             raise BadInput(f"{subject}: {name} must be a number up to {_MOST:g}")
         if name in SIGNS and value * SIGNS[name] < 0.0:
             wanted = "negative" if SIGNS[name] > 0 else "positive"
             raise BadInput(f"{subject}: the weight of {name} must not be {wanted}")
-    if numbers["fade_m"] <= 0.0:
-        raise BadInput(f"{subject}: fade_m must be above 0")
-    return Weights(
-        float(table["fade_m"]), float(table["bias"]), {k: float(v) for k, v in of.items()}
-    )
+    for name in ("fade_m", "most_unpassed"):
+        if numbers[name] <= 0.0:
+            raise BadInput(f"{subject}: {name} must be above 0")
+    values = {name: float(value) for name, value in numbers.items()}
+    fade_m, most_unpassed, bias = (values.pop(k) for k in ("fade_m", "most_unpassed", "bias"))
+    return Weights(fade_m, most_unpassed, bias, values)
