@@ -8,9 +8,7 @@ takes to place a session anew a few times.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,11 +98,11 @@ class Hypothesis:
 
     offset_s: float = 0.0
     heading_rad: float = 0.0
-    sensors: Mapping[str, Change] = field(default_factory=lambda: MappingProxyType({}))
+    sensors: tuple[tuple[str, Change], ...] = ()
 
     def of(self, sensor: str) -> Change:
         """What is mended of a sensor."""
-        return self.sensors.get(sensor, NO_CHANGE)
+        return dict(self.sensors).get(sensor, NO_CHANGE)
 
     def with_number(self, number: Number, value: float) -> Hypothesis:
         """The same with one number replaced."""
@@ -119,8 +117,8 @@ class Hypothesis:
 
     def with_sensor(self, sensor: str, **values: float) -> Hypothesis:
         """The same with some numbers of a sensor replaced."""
-        changed = replace(self.of(sensor), **values)
-        return replace(self, sensors=MappingProxyType({**self.sensors, sensor: changed}))
+        changed = {**dict(self.sensors), sensor: replace(self.of(sensor), **values)}
+        return replace(self, sensors=tuple(sorted(changed.items())))
 
 
 class Session:
