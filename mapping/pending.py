@@ -12,7 +12,6 @@ from mapping.config import Sensor
 from recorder.columns import Block, Floats, Ints, RangeColumns, ScanColumns
 from recorder.messages import Range, Scan
 
-
 LEAST_M = 1e-9  # no shorter range can be mapped
 
 
@@ -52,7 +51,6 @@ class SensorTable:
         self.scale = np.array([sensor.range_scale for sensor in self.sensors])
         self.bias_m = np.array([sensor.range_bias_m for sensor in self.sensors])
         self.skips = np.array([sensor.no_echo == "skipped" for sensor in self.sensors], np.bool_)
-
 
     def mended(self, ranges_m: Floats, sensor: Ints) -> Floats:
         """Ranges as they should have been measured, where the configuration knows better."""

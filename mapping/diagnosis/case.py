@@ -13,6 +13,7 @@ from mapping.config import MappingConfig, sensor_defaults
 from mapping.diagnosis.evaluation import score
 from mapping.diagnosis.hypothesis import Hypothesis, Session
 from mapping.diagnosis.patches import ThinBeams
+from mapping.diagnosis.pose_quality import is_rough
 from mapping.grid import GridGeometry, geometry_for
 from mapping.parameters import Sensor
 from mapping.pipeline import box_of
@@ -37,7 +38,8 @@ class Case:
     """What the causes look at.
 
     ``thin`` and ``wide`` name the sensors whose beams are so; ``block`` (N,) cuts the readings into
-    blocks of neighbours. ``scores`` remembers what was judged.
+    blocks of neighbours. ``rough``: the poses are too bad to draw walls with. ``scores`` remembers
+    what was judged.
     """
 
     placed: PlacedSession
@@ -49,6 +51,7 @@ class Case:
     thin: tuple[str, ...]
     wide: tuple[str, ...]
     threads: int = 1
+    rough: bool = False
     scores: dict[tuple[Hypothesis, tuple[str, ...]], Judged] = field(
         default_factory=dict, repr=False
     )
@@ -95,9 +98,28 @@ class Case:
         return self.scores[key]
 
 
-def case_of(placed: PlacedSession, config: MappingConfig, *, threads: int = 1) -> Case:
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Readings of a sensor that are no measurements, from one time to another (nanoseconds)."""
+
+    sensor: str
+    first_ns: int
+    last_ns: int
+
+
+def case_of(
+    placed: PlacedSession,
+    config: MappingConfig,
+    *,
+    without: Sequence[Stretch] = (),
+    threads: int = 1,
+) -> Case:
     """The case of a session. Raises BadInput where there is too little to judge by."""
     readings = Readings.joined(list(placed))
+    for each in without:
+        mine = np.isin(readings.sensor, _numbers(readings, [each.sensor]))
+        inside = (readings.t_ns >= each.first_ns) & (readings.t_ns <= each.last_ns)
+        readings = readings.chosen(~(mine & inside))
     if len(readings) < _FEWEST:
         raise BadInput(f"{len(readings)} readings with a pose are too few to tell what is wrong")
     readings = _thinned(readings)
@@ -114,7 +136,8 @@ def case_of(placed: PlacedSession, config: MappingConfig, *, threads: int = 1) -
     thin = tuple(s.name for s in there if s.beam_width_rad <= THIN_RAD)
     wide = tuple(s.name for s in there if s.beam_width_rad > THIN_RAD)
     session = Session(readings, placed.placement)
-    return Case(placed, config, session, block, blocks, geometry, thin, wide, threads)
+    rough = is_rough(placed.placement.track, config.pose.max_gap_s)
+    return Case(placed, config, session, block, blocks, geometry, thin, wide, threads, rough)
 
 
 def _numbers(readings: Readings, names: Sequence[str]) -> list[int]:

@@ -89,7 +89,7 @@ def bias_of(sensor: str) -> Number:
 
 def scale_of(sensor: str) -> Number:
     """How many times too long the ranges are."""
-    return Number("scale", sensor, 0.005, 0.05, 0.25, 0.008)
+    return Number("scale", sensor, 0.005, 0.05, 0.12, 0.008)
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,8 +213,4 @@ def _where(chosen: NDArray[np.bool_], a: Motions, b: Motions) -> Motions:
     def pick(x: Floats, y: Floats) -> Floats:
         return np.where(chosen, x, y)
 
-    return Motions(
-        pick(a.x_m, b.x_m), pick(a.y_m, b.y_m), pick(a.heading_rad, b.heading_rad)
-    )
-
-
+    return Motions(pick(a.x_m, b.x_m), pick(a.y_m, b.y_m), pick(a.heading_rad, b.heading_rad))

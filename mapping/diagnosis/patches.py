@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,8 +155,14 @@ def find_patches(points: Points, *, shift: float = 0.0, wide: float = 1.0) -> Pa
         for _ in range(2):  # a corner, or both faces of a board
             if len(rows) < _FEWEST:
                 break
-            found = _wall(points.at_m[rows], beams[rows], points.spread_m[rows],
-                          points.range_m[rows], points.reach_m[rows], wide)
+            found = _wall(
+                points.at_m[rows],
+                beams[rows],
+                points.spread_m[rows],
+                points.range_m[rows],
+                points.reach_m[rows],
+                wide,
+            )
             if found is None:
                 break
             near = found[3]
@@ -210,7 +216,9 @@ def _wall(
         expected = range_m - along
         # chosen by where the wall is, not by what was measured: the reach would cut one side off
         usable = facing & (expected + 2.5 * spread_m < reach_m)
-        weight = np.where(usable & (np.abs(z) < _TUKEY), np.square(1.0 - np.square(z / _TUKEY)), 0.0)
+        weight = np.where(
+            usable & (np.abs(z) < _TUKEY), np.square(1.0 - np.square(z / _TUKEY)), 0.0
+        )
         weight = weight / np.square(spread_m * np.where(facing, cosine, 1.0))
     near = facing & (np.abs(z) < _TUKEY)
     if (weight > 0).sum() < _FEWEST or near.mean() < 0.3:
@@ -262,7 +270,9 @@ def fit(
             if abs(value - number.neutral) > number.most:
                 return Fit(start, tuple(numbers), error, used, failed=True)
             found = found.with_number(number, value)
-        if turn > 2 and all(abs(more) < 0.05 * each.least for each, more in zip(numbers, step, strict=True)):
+        if turn > 2 and all(
+            abs(more) < 0.05 * each.least for each, more in zip(numbers, step, strict=True)
+        ):
             break
     return Fit(found, tuple(numbers), error, used, wide)
 

@@ -24,6 +24,8 @@ MOST_CAUSES = 4
 SURE = 5.0  # standard errors
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
 _PLAIN_GAIN = 0.03  # where only the score speaks
+_SCORE_LEVEL = 0.99
+_BESIDE = 0.15  # of the usual fault: so far from a peak it must still gain
 _STARTS = 2
 _SHRINK = (0.5, 0.25, 0.125)  # of the coarse step, in a search by the score alone
 
@@ -83,9 +85,7 @@ def search(
     return current, taken
 
 
-def _best(
-    case: Case, tried: Sequence[Found], current: Hypothesis, taken: Sequence[Found]
-) -> Found:
+def _best(case: Case, tried: Sequence[Found], current: Hypothesis, taken: Sequence[Found]) -> Found:
     top = max(tried, key=_worth)
     as_good = [
         each for each in tried
@@ -121,7 +121,9 @@ def _left_together(
     both = fit(case.beams(case.thin), numbers, current)
     if both.failed:
         return best
-    sure = [max(abs(both.significance(n)) for n in each.candidate.numbers) for each in (best, other)]
+    sure = [
+        max(abs(both.significance(n)) for n in each.candidate.numbers) for each in (best, other)
+    ]
     return best if sure[0] >= sure[1] else other
 
 
@@ -132,30 +134,49 @@ def _numbers(taken: Iterable[Found]) -> list[Number]:
 def _tried(
     case: Case, candidate: Candidate, current: Hypothesis, taken: Sequence[Found]
 ) -> Iterator[Found]:
-    """The best that a candidate comes to by the walls, and else by the score alone; or nothing."""
+    """The best that a candidate comes to by the walls, or where there are none by the score."""
     base, starts = case.score(current), _starts(case, candidate, current)
     numbers = [*_numbers(taken), *candidate.numbers]
-    found: list[Found] = []
-    for begin in starts if case.thin else ():
+    if case.rough:
+        if candidate.coarse and len(candidate.numbers) == 1:
+            yield from _by_score(case, candidate, starts[0], current)
+        return
+    good: list[Found] = []
+    for begin in starts:
         by_walls = fit(case.beams(case.thin), numbers, begin)
         if by_walls.failed or not all(_is_plain(by_walls, each) for each in candidate.numbers):
             continue
         judged = case.score(by_walls.hypothesis)
         errors = tuple(float(by_walls.error[numbers.index(n)]) for n in candidate.numbers)
-        found.append(
-            Found(candidate, by_walls.hypothesis, errors, judged.gain_over(base), judged)
-        )
-    good = [each for each in found if _counts(each)]
-    if candidate.coarse and (not good or max(map(_worth, good)) < _gain(case, starts[0], base)):
-        by_score = _refined(case, candidate, starts[0])
-        judged = case.score(by_score)
-        gain = judged.gain_over(base)
-        off = all(abs(by_score.number(n) - n.neutral) >= n.least for n in candidate.numbers)
-        if off and gain.low > 0.0 and gain.mean >= _PLAIN_GAIN:
-            nothing = (math.nan,) * len(candidate.numbers)
-            good.append(Found(candidate, by_score, nothing, gain, judged))
+        found = Found(candidate, by_walls.hypothesis, errors, judged.gain_over(base), judged)
+        if _counts(found):
+            good.append(found)
     if good:
         yield max(good, key=_worth)
+
+
+def _by_score(
+    case: Case, candidate: Candidate, start: Hypothesis, current: Hypothesis
+) -> Iterator[Found]:
+    """Where poses are too bad for walls: one broad peak, in both halves of the session, or nothing.
+
+    A peak of one lucky value, or of one stretch, is no evidence.
+    """
+    number, base = candidate.numbers[0], case.score(current)
+    best = _refined(case, candidate, start)
+    judged = case.score(best)
+    gain = judged.gain_over(base, level=_SCORE_LEVEL)
+    value = best.number(number)
+    beside = [value - _BESIDE * number.usual, value + _BESIDE * number.usual]
+    around = [_gain(case, best.with_number(number, each), base) for each in beside]
+    halves = judged.gains_of_halves(base)
+    plain = (
+        number.least <= abs(value - number.neutral) <= number.usual * 2.0
+        and gain.low > 0.0 and gain.mean >= _PLAIN_GAIN
+        and min(around) > 0.25 * gain.mean and min(halves) > 0.0
+    )  # fmt: skip
+    if plain:
+        yield Found(candidate, best, (math.nan,), gain, judged)
 
 
 def _counts(found: Found) -> bool:
@@ -186,9 +207,7 @@ def _starts(case: Case, candidate: Candidate, current: Hypothesis) -> list[Hypot
     return [*best, *([] if current in best else [current])]
 
 
-def _with(
-    hypothesis: Hypothesis, numbers: Sequence[Number], values: Sequence[float]
-) -> Hypothesis:
+def _with(hypothesis: Hypothesis, numbers: Sequence[Number], values: Sequence[float]) -> Hypothesis:
     for number, value in zip(numbers, values, strict=True):
         hypothesis = hypothesis.with_number(number, value)
     return hypothesis
