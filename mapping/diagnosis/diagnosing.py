@@ -14,7 +14,7 @@ from mapping.diagnosis.causes.interface import Evidence, Suspect
 from mapping.diagnosis.causes.silence import stuck_readings
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.diagnosis.patches import NO_FAULT
-from mapping.diagnosis.search import search
+from mapping.diagnosis.search import Found, search
 from mapping.placed_session import HasBlocks, place_session
 from mapping.scoring.held_out import Gain
 
@@ -61,13 +61,15 @@ def diagnose(
         case = case_of(placed, config, without=stuck, threads=threads)
     candidates = [each for cause in CAUSES for each in cause.candidates(case)]
     tried = _Counter(progress, 2 * len(candidates))
-    hypothesis, taken = (NO_FAULT, [])
+    hypothesis, taken = NO_FAULT, list[Found]()
     if case.thin:
         hypothesis, taken = search(case, candidates, advance=tried)
     for each in taken:
         for number in each.candidate.numbers:
             explained = (c.explained(case, number, each, hypothesis) for c in CAUSES)
             found += [suspect for suspect in explained if suspect is not None]
+    if case.thin and not case.rough:
+        found += [s for cause in CAUSES for s in cause.examine(case, hypothesis)]
     found.sort(key=lambda suspect: -suspect.cost)
     fix = merged(suspect.settings for suspect in found if suspect.settings)
     before, after = case.score(NO_FAULT), case.score(hypothesis)

@@ -107,7 +107,7 @@ class Hypothesis:
     def with_number(self, number: Number, value: float) -> Hypothesis:
         """The same with one number replaced."""
         if number.sensor is None:
-            return replace(self, **{number.key: value})
+            return replace(self, **{number.key: value})  # type: ignore[arg-type]
         return self.with_sensor(number.sensor, **{number.key: value})
 
     def number(self, number: Number) -> float:

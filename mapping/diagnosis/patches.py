@@ -21,7 +21,7 @@ from mapping.diagnosis.hypothesis import Hypothesis, Number, Session
 from mapping.scoring.held_out import Mixture
 from recorder.columns import Floats, Ints
 
-PATCH_M = 0.3
+PATCH_M = 0.2
 _FEWEST = 8  # points of a patch
 _DIRECTIONS = 36
 _WINDOW_M = 0.03

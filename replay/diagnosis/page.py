@@ -29,7 +29,8 @@ def page(diagnosis: Diagnosis, session: str) -> str:
     body = "\n".join(_body(diagnosis, name))
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8"><title>{name}: what is '
-        f"wrong with the map</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
+        f"wrong with the map</title><style>{_STYLE}</style></head>\n<body>\n{body}\n</body>"
+        "</html>\n"
     )
 
 
@@ -124,7 +125,7 @@ def ticks(low: float, high: float) -> Floats:
     raw = (high - low) / 5.0
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * min((s for s in (1.0, 2.0, 5.0, 10.0) if s * power >= raw), default=10.0)
-    return np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step
+    return np.asarray(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step, np.float64)
 
 
 def _axes(plot: Plot, x: tuple[float, float], y: tuple[float, float]) -> str:

@@ -78,9 +78,9 @@ class Cause:
         """What can be seen without a search."""
         yield from ()
 
-    def settings(self, case: Case, hypothesis: Hypothesis, subject: str) -> Settings:
-        """What mends it, if the hypothesis holds."""
-        return {}
+    def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
+        """What can be seen once the search is done, with all that it found mended."""
+        yield from ()
 
     def explained(
         self, case: Case, number: Number, found: Found, hypothesis: Hypothesis

@@ -15,6 +15,8 @@ _LEAST_READINGS = 30
 _LEAST_S = 2.0
 _MOVED_M, _TURNED_RAD = 0.15, 0.6
 _SHARE = 0.02
+_NOTHING = -1.0  # no echo, where runs of equal ranges are looked for
+_LONG_S, _LONGER = 8.0, 3.0  # such a run is suspect if it is so long, and so many times the next
 _GAPS = 20.0  # times the usual time between readings
 
 
@@ -52,14 +54,27 @@ def stuck_stretches(case: Case, channel: Channel) -> list[tuple[int, int]]:
     bounds = np.concatenate([[0], edges, [len(value)]])
     found = []
     for first, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
-        long = channel.t_ns[end - 1] - channel.t_ns[first] >= _LEAST_S * 1e9
-        if end - first < _LEAST_READINGS or not long or value[first] < 0.0:
+        lasted_s = (channel.t_ns[end - 1] - channel.t_ns[first]) * 1e-9
+        if end - first < _LEAST_READINGS or lasted_s < _LEAST_S or value[first] < -1.0:
             continue
+        if value[first] == _NOTHING and not (
+            lasted_s > _LONG_S and end - first > _LONGER * _next_longest(value, first)
+        ):
+            continue  # no echo for a while is usual where there is room
         poses, known = case.placed.placement.track.at(channel.t_ns[first:end])
         x, y, heading = (np.asarray(v)[known] for v in (poses.x_m, poses.y_m, poses.heading_rad))
         if len(x) > 1 and (_span(x, y) > _MOVED_M or np.ptp(np.unwrap(heading)) > _TURNED_RAD):
             found.append((first, end))
     return found
+
+
+def _next_longest(value: Floats, first: int) -> int:
+    """How long the longest other run is in which nothing was seen."""
+    nothing = np.concatenate([[False], value == _NOTHING, [False]])
+    edges = np.flatnonzero(np.diff(nothing.astype(np.int8)))
+    runs = np.diff(edges.reshape(-1, 2), axis=1)[:, 0]
+    others = runs[edges[::2] != first]
+    return int(others.max(initial=_LEAST_READINGS))
 
 
 def _span(x: Floats, y: Floats) -> float:
