@@ -84,6 +84,12 @@ class SensorSection(Section):
     )
     min_range_m: NonNegative | None = Field(None, description="readings below are dropped")
     max_range_m: Positive | None = Field(None, description="readings at or beyond saw nothing")
+    range_scale: Annotated[float, Field(ge=0.1, le=10)] | None = Field(
+        None, description="what its ranges are times too long: they are divided by it (1)"
+    )
+    range_bias_m: Coordinate | None = Field(
+        None, description="what its ranges are too long besides: it is taken off first (0)"
+    )
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
     update: str | None = Field(None, description="update rule: bayes, odds, count ...")
