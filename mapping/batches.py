@@ -18,6 +18,7 @@ from mapping.parameters import Sensor
 from mapping.readings import Readings
 from mapping.sensor_model import SENSOR_MODELS, regions_table
 from mapping.sensor_model.models import Fading, Peak, Regions
+from mapping.update_rules.pooled import LIMITS
 from mapping.update_rules.rules import (
     HIMM_HIT,
     HIMM_MISS,
@@ -28,6 +29,8 @@ from mapping.update_rules.rules import (
     DempsterShafer,
     Himm,
     Odds,
+    Pooled,
+    Saturating,
     Sum,
     UpdateRule,
 )
@@ -59,6 +62,10 @@ def adder_of(rule: UpdateRule, sensors: Sequence[Sensor], number: int) -> str:
         return ""
     if type(rule) in (Bayes, Odds):
         return "fading" if model is Fading else "regions"
+    if type(rule) is Saturating:
+        return "sums" if model is Fading else "cells"
+    if type(rule) is Pooled:
+        return "sums"
     kernels = {Binary: "bands", Count: "bands", Sum: "cells", DempsterShafer: "cells", Himm: "axes"}
     return kernels.get(type(rule), "")
 
@@ -70,7 +77,7 @@ def adders(rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> 
         found.setdefault(adder_of(rule, sensors, number), []).append(number)
     kinds: dict[str, type[_Kernel]] = {
         "fading": _FadingReadings, "regions": _RegionReadings, "bands": _Bands, "cells": _Cells,
-        "axes": _Axes,
+        "axes": _Axes, "sums": _Sums,
     }  # fmt: skip
     made: dict[str, Adder] = {
         name: kinds[name](rule, sensors, some) for name, some in found.items() if name
@@ -217,9 +224,28 @@ class _Cells(_Kernel):
                 for s in self.sensors
             ]
         )  # fmt: skip
-        what = cell_tables.SUM if isinstance(self.rule, Sum) else cell_tables.MASSES
+        rules = {Sum: cell_tables.SUM, Saturating: cell_tables.EVIDENCE}
+        what = rules.get(type(self.rule), cell_tables.MASSES)
         columns = self.columns(readings, rows)
         in_parts(add_cellwise, *target, columns, *tables, what, threads=threads)
+
+
+class _Sums(_Kernel):
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch.cell_tables import POOLED, SATURATING
+        from mapping.kernels.loops import add_sums
+
+        rule, columns, free = self.rule, self.columns(readings, rows), self.has_front_evidence
+        fades_m = [rule.learned.fade_m if isinstance(rule, Pooled) else s.fade_m
+                   for s in self.sensors]  # fmt: skip
+        table = np.array([
+            (half, fade_m, with_free, s.hit, s.miss, s.near)
+            for s, half, fade_m, with_free in zip(
+                self.sensors, self._half_rad, fades_m, free, strict=True
+            )
+        ])  # fmt: skip
+        what = POOLED if isinstance(rule, Pooled) else SATURATING
+        in_parts(add_sums, *target, columns, table, np.array(LIMITS), what, threads=threads)
 
 
 class _FadingScans:

@@ -1,20 +1,19 @@
 """Lines, and borders with them, in the formats of other programs: GeoJSON and DXF, as text.
 
-All are in metres in the map frame, y up.
+All are in metres in the map frame, y up. The library that writes DXF is imported when it is needed.
 """
 
 from __future__ import annotations
 
+import io
 import re
-from collections.abc import Sequence
-from pathlib import Path
-
-import numpy as np
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 
 from mapping.artifacts import Border, Segment
 
 _DXF_COLOURS = (5, 1, 3, 6, 30, 7)
-_LAYERS, _FIRST_FREE = 2, 0x2F  # of the empty drawing: its layers, the first number it leaves
+_METRES = 6  # of DXF's $INSUNITS
 
 
 def segments_geojson(segments: Sequence[Segment]) -> str:
@@ -56,54 +55,44 @@ def vector_dxf(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> s
     """A DXF drawing (R2010, units metres) with lines and closed polylines.
 
     The drawing's layers are ``NAME segments`` and ``NAME borders``. The same lines give the same
-    text: dates and identifiers are fixed. It is an empty drawing of ezdxf's, filled in as ezdxf
-    would; a test compares the two (ezdxf itself takes longer to load than a small map to make).
+    text: dates and identifiers are fixed.
     """
-    drawing = _Drawing()
-    for border in borders:
-        places = "".join(f" 10\n{x}\n 20\n{y}\n" for x, y in _outline(border))
-        what = f"100\nAcDbPolyline\n 90\n{len(border.cells)}\n 70\n1\n{places}"
-        drawing.add("LWPOLYLINE", f"{border.layer} borders", what)
-    for segment in segments:
-        (x0, y0), (x1, y1) = np.array([segment.start_m, segment.end_m], np.float64).tolist()
-        start, end = f" 10\n{x0}\n 20\n{y0}\n 30\n0.0\n", f" 11\n{x1}\n 21\n{y1}\n 31\n0.0\n"
-        drawing.add("LINE", f"{segment.layer} segments", f"100\nAcDbLine\n{start}{end}")
-    return drawing.text()
+    from ezdxf.filemanagement import new
 
+    with _fixed_dates():
+        drawing = new("R2010", units=_METRES)
+    model = drawing.modelspace()
 
-class _Drawing:
-    """An empty drawing that layers and entities are put into, each with the next free number."""
-
-    def __init__(self) -> None:
-        self._number = _FIRST_FREE
-        self._layers: dict[str, str] = {}  # by names in small letters, as DXF tells them apart
-        self._entities: list[str] = []
-
-    def add(self, kind: str, layer: str, what: str) -> None:
-        """An entity on a layer, which is made where it is a new one."""
+    def layer_for(name: str, what: str) -> str:
         # DXF forbids some characters in the names of layers.
-        name = re.sub(r'[<>/\\":;?*|=`,\x00-\x1f]', "_", layer)
-        if name.lower() not in self._layers:
-            colour = _DXF_COLOURS[(len(self._layers) + _LAYERS) % len(_DXF_COLOURS)]
-            self._layers[name.lower()] = (
-                f"  0\nLAYER\n  5\n{self._next()}\n330\n1\n100\nAcDbSymbolTableRecord\n100\n"
-                f"AcDbLayerTableRecord\n  2\n{name}\n 70\n0\n 62\n{colour}\n  6\nContinuous\n"
-                "370\n-3\n390\n13\n347\n21\n"
-            )
-        head = f"  0\n{kind}\n  5\n{self._next()}\n330\n17\n100\nAcDbEntity\n  8\n{name}\n"
-        self._entities.append(head + what)
+        wanted = re.sub(r'[<>/\\":;?*|=`,\x00-\x1f]', "_", f"{name} {what}")
+        if wanted not in drawing.layers:
+            drawing.layers.add(wanted, color=_DXF_COLOURS[len(drawing.layers) % 6])
+        return wanted
 
-    def _next(self) -> str:
-        self._number += 1
-        return f"{self._number - 1:X}"
+    for border in borders:
+        where = {"layer": layer_for(border.layer, "borders")}
+        model.add_lwpolyline(_outline(border), close=True, dxfattribs=where)
+    for segment in segments:
+        where = {"layer": layer_for(segment.layer, "segments")}
+        model.add_line(segment.start_m, segment.end_m, dxfattribs=where)
+    # ezdxf itself goes through a set of names here, in another order in each process
+    for kind in sorted(drawing.entitydb.dxf_types_in_use()):
+        drawing.classes.add_class(kind)
+    text = io.StringIO()
+    with _fixed_dates():
+        drawing.write(text)
+    return text.getvalue()
 
-    def text(self) -> str:
-        """The drawing as a file."""
-        text = (Path(__file__).parent / "drawing.dxf").read_text("utf-8")
-        known = {
-            "LAYER COUNT": str(len(self._layers) + _LAYERS),
-            "LAYERS": "".join(self._layers.values()),
-            "ENTITIES": "".join(self._entities), "FIRST": self._next(), "SECOND": self._next(),
-            "THIRD": self._next(), "SEED": self._next(),
-        }  # fmt: skip
-        return re.sub("@([A-Z ]+)@", lambda found: known[found[1]], text)
+
+@contextmanager
+def _fixed_dates() -> Iterator[None]:
+    """Let ezdxf write a fixed date and fixed identifiers; its own switch, set back afterwards."""
+    from ezdxf import options  # type: ignore[attr-defined]  # its documented place
+
+    before = options.write_fixed_meta_data_for_testing
+    options.write_fixed_meta_data_for_testing = True
+    try:
+        yield
+    finally:
+        options.write_fixed_meta_data_for_testing = before

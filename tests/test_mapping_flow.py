@@ -21,7 +21,9 @@ from recorder.session import read_session
 from recorder.session.columns import open_session
 
 LOGS = Path(__file__).resolve().parent.parent / "logs"
-RULES = ("bayes", "odds", "count", "sum", "binary", "dempster-shafer", "himm")
+RULES = (
+    "bayes", "odds", "count", "sum", "binary", "dempster-shafer", "himm", "saturating", "pooled",
+)  # fmt: skip
 MODELS = ("fading", "regions", "peak")
 EVERYTHING = [(rule, model) for rule in RULES for model in MODELS]
 COARSE = "grid.resolution_m=0.04"

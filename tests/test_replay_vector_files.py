@@ -5,10 +5,8 @@ from __future__ import annotations
 import base64
 import io
 import json
-from dataclasses import replace
 from xml.etree import ElementTree
 
-import drawsvg
 import ezdxf
 import geojson
 import numpy as np
@@ -22,7 +20,6 @@ from mapping.grid import GridGeometry, Layer
 from mapping.segments import segments_from_borders
 from replay.pictures.map_svg import map_svg
 from replay.vector_files import segments_geojson, vector_dxf
-from tests import naive_drawings
 from tests.made_up_grids import thresholded_room
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -113,18 +110,6 @@ def test_svg_is_a_page_of_paper_with_map_scale_and_units(
     assert {"walls found", "borders of occupied cells", "free", "occupied"} <= set(texts)
 
 
-def test_svg_is_what_drawsvg_would_write_to_the_byte(
-    segments: list[Segment], borders: list[Border], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    occupied = thresholded_room().occupied
-    values = occupied.astype(np.float32)
-    layer = Layer("a&b", "probability", borders[0].geometry, values, values, occupied, {})
-    path = np.array([[0.5, 0.5], [0.75, -0.0]])
-    made = map_svg(segments, borders, layer=layer, path_m=path), map_svg([])
-    monkeypatch.setattr("replay.pictures.map_svg.elements", drawsvg)
-    assert made == (map_svg(segments, borders, layer=layer, path_m=path), map_svg([]))
-
-
 def test_nothing_found_is_still_a_file() -> None:
     assert json.loads(segments_geojson([])) == {
         "type": "FeatureCollection", "frame": "map", "unit": "metre", "features": [],
@@ -151,13 +136,3 @@ def test_geometry_is_that_of_the_map() -> None:
     border = Border("ping", 0, True, geometry, np.array([[0, 0]]))
     (outline,) = ezdxf.read(io.StringIO(vector_dxf([], [border]))).modelspace()
     assert [tuple(place) for place in outline.get_points("xy")] == [(-0.75, 4.25)]
-
-
-@pytest.mark.parametrize("names", [(), ("ping",), ("a", "A", "b/b", "ü"), tuple("abcdefgh")])
-def test_a_drawing_is_what_ezdxf_would_write_to_the_byte(
-    segments: list[Segment], borders: list[Border], names: tuple[str, ...]
-) -> None:
-    lines = [replace(s, layer=name, border=k) for name in names for k, s in enumerate(segments[:3])]
-    lines += [replace(s, border=None, start_m=(-0.0, 1e-17)) for s in lines[:1]]
-    outlines = [replace(b, layer=name) for name in names[::-1] for b in borders]
-    assert vector_dxf(lines, outlines) == naive_drawings.dxf(lines, outlines)

@@ -2,7 +2,7 @@
 
 SVG has y down, so y is negated: the map stands upright. Borders and segments are paths of their own
 with ``data-layer`` and ``data-border``, for programs that go on with them. On paper it fills an A4
-page.
+page. The library that writes it is imported when it is needed.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from mapping.artifacts import Border, Segment
 from mapping.grid import Layer
 from recorder.names import printable
 from replay.pictures import style
-from replay.pictures import svg as elements
 from replay.pictures.parts import Box, Floats
 from replay.pictures.placing import length_text, round_length_m
 from replay.pictures.views import box_of, frame_around, grey_pixels, whole_of
@@ -69,18 +68,20 @@ def map_svg(
     All segments lie on the page, and the path; what of borders lies elsewhere is in the file, but
     not on the page.
     """
+    import drawsvg
+
     ends = np.array([(s.start_m, s.end_m) for s in segments]).reshape(-1, 2, 2)
     path = np.zeros((0, 2)) if path_m is None else path_m
     paper = _Paper.of(_frame(ends, path, borders, layer))
     box = paper.box
-    drawing = elements.Drawing(box.width_m, box.height_m, origin=(box.x0, -box.y1))
+    drawing = drawsvg.Drawing(box.width_m, box.height_m, origin=(box.x0, -box.y1))
     names = list(dict.fromkeys([s.layer for s in segments] + [b.layer for b in borders]))
     if layer is not None:
         names = [layer.name]
     for piece in (
-        *_ground(elements, paper, layer), *_lines(elements, paper, segments, borders, path),
-        *_axes(elements, paper), *_texts(elements, paper, " ".join(names)),
-        *_legend(elements, paper, segments, borders, path, layer),
+        *_ground(drawsvg, paper, layer), *_lines(drawsvg, paper, segments, borders, path),
+        *_axes(drawsvg, paper), *_texts(drawsvg, paper, " ".join(names)),
+        *_legend(drawsvg, paper, segments, borders, path, layer),
     ):  # fmt: skip
         drawing.append(piece)
     drawing.set_render_size(f"{box.width_m / paper.mm:.6g}mm", f"{box.height_m / paper.mm:.6g}mm")
@@ -149,7 +150,7 @@ def _lines(
     for segment in segments:
         (x0, y0), (x1, y1) = segment.start_m, segment.end_m
         look_m = {"stroke": _hex(style.FOUND_WALL), "stroke_width": 0.8 * paper.mm}
-        attributes = {"data-layer": escape(segment.layer)}  # attributes are written as they are
+        attributes = {"data-layer": escape(segment.layer)}  # drawsvg writes attributes as they are
         if segment.border is not None:
             attributes["data-border"] = str(segment.border)
         yield svg.Line(x0, -y0, x1, -y1, stroke_linecap="round", **look_m, **attributes)

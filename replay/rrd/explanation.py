@@ -217,6 +217,10 @@ _STAGES = {  # heading; what was done; what the number is
             "{high:.4f} m"),
     "corner": ("corners", "Red: {n} corners, where neighbouring lines cross; both end there now",
                ""),
+    "move": ("move to the raw points", "Blue: {n} lines as the grid has them. Each is fitted again "
+             "to the readings that it explains", "it moves by {low:.3f} to {high:.3f} m"),
+    "drop": ("leave out", "Blue: {n} lines that are no walls: readings went past them, or better "
+             "lines explain the same readings", ""),
 }  # fmt: skip
 
 
@@ -235,7 +239,7 @@ def _segment(segment: Segment) -> str:
     if segment.source == "raw":
         origin = f"{segment.points} raw points (violet)"
     else:
-        of = "" if segment.border is None else f" of border {segment.border}"
+        of = "" if segment.border is None else f" along border {segment.border}"
         origin = f"{segment.points} points{of} (magenta)"
     rho_sd, alpha_sd = np.sqrt(np.maximum(np.diag(segment.covariance), 0.0))
     return (
