@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from test_mapping_batch_lidar import FLAT, columns_of, scan_of, scans
 
+from mapping.artifacts import Snapshot
 from mapping.config import load_config
 from mapping.kernels import merging
 from mapping.kernels.batch import rays, steps
@@ -105,7 +106,7 @@ def test_a_session_is_the_same_watched_or_not(rule: str) -> None:
     maps = []
     for watched, threads in ((True, 1), (False, 1), (False, 2)):
         found = build_maps(messages, config, watched=watched, threads=threads)
-        maps.append([a.layer for a in found if type(a).__name__ == "Snapshot"][0])
+        maps.append(next(a.layer for a in found if isinstance(a, Snapshot)))
     for other in maps[1:]:
         assert other.values.tobytes() == maps[0].values.tobytes()
         assert other.observed.tobytes() == maps[0].observed.tobytes()

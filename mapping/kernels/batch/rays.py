@@ -61,8 +61,8 @@ def _rays_of(
             quarter, slope, across = 1 if s > 0.0 else 3, c / abs(s), x_cells - col0
             off = (row0 + 0.5 - y_cells) if s > 0.0 else (y_cells - row0 - 0.5)
             count = abs(row - row0)
-        rays[j, QUARTER], rays[j, SLOPE] = quarter, int(math.floor(slope * _WHOLE + 0.5))
-        rays[j, BEGIN] = int(math.floor((across + off * slope) * _WHOLE))
+        rays[j, QUARTER], rays[j, SLOPE] = quarter, math.floor(slope * _WHOLE + 0.5)
+        rays[j, BEGIN] = math.floor((across + off * slope) * _WHOLE)
         rays[j, COUNT] = count if fronts[k] >= 0.0 else -1
         rays[j, END_ROW], rays[j, END_COL] = row - place.row0, col - place.col0
         ends_in = 0 <= row - place.row0 < rows and 0 <= col - place.col0 < cols
