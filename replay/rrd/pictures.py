@@ -97,7 +97,7 @@ def strength_png(classes: NDArray[np.uint8], side: int) -> bytes:
     It has ``side`` rows and columns; what is more than the classes have is transparent. The classes
     are few enough for two cells in a byte: half as much to be packed.
     """
-    from mapping.kernels.recording import packed_rows
+    from mapping.kernels.loops import packed_rows
 
     colours, alphas = _strength_palette()
     head = struct.pack(">IIBBBBB", side, side, _BITS, _INDEXED, 0, 0, 0)

@@ -156,7 +156,7 @@ class LayerTiles:
 
     def _shade(self, probability: NDArray[np.float32], window: Window) -> None:
         """Take the window's new shades; mark the tiles that are drawn too far off."""
-        from mapping.kernels.recording import shade
+        from mapping.kernels.loops import shade
 
         shade(
             np.ascontiguousarray(probability, np.float32), self.observed, self.picture, self._drawn,

@@ -124,7 +124,7 @@ class LogEncoder(Generic[T]):
 
     def _samples(self, temp: TempGrid, most: int) -> tuple[Floats, Floats]:
         """Distances and factors of about ``most`` cells in front of a reading; 0: of all."""
-        from replay.rrd.value_log.kernels import some_of
+        from replay.rrd.value_log.loops import some_of
 
         free = some_of(temp.free, most)
         row, col = np.divmod(free, temp.window.cols)
@@ -145,7 +145,7 @@ class LogEncoder(Generic[T]):
         distances, factors = self._samples(temp, _TRIED)
         if not len(factors):
             return None, 1.0
-        from replay.rrd.value_log.kernels import share_fitting
+        from replay.rrd.value_log.loops import share_fitting
 
         best: tuple[int | None, float] = (None, 0.0)
         for number in reversed(range(len(self._track.tables))):

@@ -70,7 +70,7 @@ def fit_table(distance_m: Floats, factor: Floats) -> RadialProfile | None:
 
 def _misses(table: RadialProfile, x: Floats, y: Floats) -> float:
     """The largest relative error, but for the few cells where the table's ends are."""
-    from replay.rrd.value_log.kernels import front_factors
+    from replay.rrd.value_log.loops import front_factors
 
     if len(table.knots) < 5:
         return math.inf

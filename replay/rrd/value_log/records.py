@@ -82,7 +82,7 @@ class Masks:
 
     def covered(self, geometry: GridGeometry) -> tuple[Cells, Cells, int, int]:
         """The same as cells of the grid and of the window; how many in front and in the band."""
-        from replay.rrd.value_log.kernels import covered_cells
+        from replay.rrd.value_log.loops import covered_cells
 
         w = self.window
         cells, inner, in_front, in_band = covered_cells(

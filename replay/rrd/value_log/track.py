@@ -69,7 +69,7 @@ class Track:
 
     def distances_m(self, sensor_m: tuple[float, float], cells: Cells) -> Floats:
         """From a sensor to the centres of cells, which are in ascending order."""
-        from replay.rrd.value_log.kernels import distances_m
+        from replay.rrd.value_log.loops import distances_m
 
         geometry = self.geometry
         x, y = (start - at for start, at in zip(geometry.origin_m, sensor_m, strict=True))
@@ -78,7 +78,7 @@ class Track:
 
     def predict(self, covered: Covered, table: int) -> tuple[Floats, Singles]:
         """Odds and values that the covered cells should have after a reading."""
-        from replay.rrd.value_log.kernels import front_factors, predict
+        from replay.rrd.value_log.loops import front_factors, predict
 
         free = np.ones(covered.in_front)
         if table < len(self.tables):
@@ -99,7 +99,7 @@ class Track:
         A value that was missed by one bit had odds at the border between the two, nearly. Returns
         the values of all covered cells; ``odds`` and ``predicted`` are written over.
         """
-        from replay.rrd.value_log.kernels import settle
+        from replay.rrd.value_log.loops import settle
 
         off = np.abs(predicted[missed].view(np.int32).astype(np.int64) - true.view(np.int32))
         settle(
