@@ -56,10 +56,10 @@ def strength_classes(
 
     0 where it is not ``marked``; 1 to 6 more free, 7 to 12 more occupied, each by rising strength.
     """
-    from mapping.kernels import recording
+    from mapping.kernels import loops
 
     edges = np.array(STRENGTHS, difference.dtype)
-    flat = recording.strength_classes(difference.ravel(), marked.ravel(), edges)
+    flat = loops.strength_classes(difference.ravel(), marked.ravel(), edges)
     classes: NDArray[np.uint8] = flat.reshape(difference.shape)
     return classes
 

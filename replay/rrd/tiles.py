@@ -150,7 +150,7 @@ class LayerTiles:
         self, grid: NDArray[T], new: NDArray[T], window: Window, differing: NDArray[np.bool_]
     ) -> None:
         """Write a window's new numbers into a grid; mark the tiles where one became another."""
-        from mapping.kernels.recording import take
+        from mapping.kernels.loops import take
 
         take(grid, new, window.row0, window.col0, self.tiling.side, differing)
 
