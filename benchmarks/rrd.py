@@ -9,17 +9,25 @@ picture, and for a jump to a far step until nothing in its picture changes any m
 what it has loaded, and the rest follows. ``--small`` opens a window of 700 x 440 points instead of
 1600 x 1000. ``picture`` is how long it takes just to
 draw the same picture again, which a processor does slowly: it is part of each jump.
+
+``--kinds`` adds what each kind of thing takes of each file.
 """
 
 from __future__ import annotations
 
 import json
+import re
 import resource
+import struct
 import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 
@@ -27,6 +35,7 @@ from made_run import MadeRun  # noqa: E402
 
 from mapping.artifacts import Artifact  # noqa: E402
 from mapping.grid import GridGeometry  # noqa: E402
+from replay.rrd.claims import varint  # noqa: E402
 from replay.rrd.headless import HeadlessViewer  # noqa: E402
 from replay.rrd.reader import read_rrd  # noqa: E402
 from replay.rrd.run_drawer import RunDrawer  # noqa: E402
@@ -58,6 +67,8 @@ def measure(run: str, viewer: bool) -> dict[str, str]:
         row["memory MB"] = f"{memory_mb:.0f}"
         start = time.perf_counter()
         read_rrd(path).grid("ping")
+        if "--kinds" in sys.argv:
+            print(kinds_table(path), file=sys.stderr)
         row["grid s"] = f"{time.perf_counter() - start:.2f}"
         if viewer:
             row |= look(path, SMALL if "--small" in sys.argv else LARGE)
@@ -78,6 +89,54 @@ def write(run: MadeRun, path: Path, budget_mb: float) -> tuple[float, float, Rrd
         start = time.perf_counter(), time.process_time()
     wall += time.perf_counter() - start[0]
     return wall, processor + time.process_time() - start[1], writer
+
+
+KINDS = (
+    ("exact values, whole tiles", r"/merged/.*values"), ("the map", r"/(merged|classes|thresh)"),
+    ("the evidence of a reading", r"/temp/"), ("what a reading changed", r"/what_changed/"),
+    ("exact values, the log", r"^/histories"), ("explanations", r"^/explanation"),
+    ("path and echoes", r"/(path|points)/"), ("beams, robot, ranges", r"/(beam|robot|ranges)"),
+)  # fmt: skip
+
+
+def kinds_table(path: Path) -> str:
+    """What each kind of thing takes of a file, and of memory once it is unpacked, in megabytes."""
+    sums: dict[str, list[float]] = {}
+    for name, packed, unpacked in chunks_of(path):
+        kind = next((kind for kind, pattern in KINDS if re.search(pattern, name)), "all else")
+        entry = sums.setdefault(kind, [0.0, 0.0])
+        entry[0] += packed / 1e6
+        entry[1] += unpacked / 1e6
+    rows = sorted(sums.items(), key=lambda each: -each[1][0])
+    return "\n".join(f"| {kind} | {size:.1f} | {raw:.1f} |" for kind, (size, raw) in rows)
+
+
+def chunks_of(path: Path) -> Iterator[tuple[str, int, int]]:
+    """Entity and components of each chunk, its bytes in the file, and unpacked; see ``claims``."""
+    data, at, codec = path.read_bytes(), 12, pa.Codec("lz4_raw")
+    while at + 16 <= len(data):
+        kind, length = struct.unpack_from("<QQ", data, at)
+        message = data[at + 16 : at + 16 + length]
+        at += 16 + length
+        if kind != 2:
+            continue
+        fields = dict(fields_of(message))
+        raw = codec.decompress(fields[5], decompressed_size=fields[3], asbytes=True)
+        schema = pa.ipc.open_stream(raw).schema
+        yield f"{schema.metadata[b'rerun:entity_path'].decode()} {schema.names}", length, len(raw)
+
+
+def fields_of(message: bytes) -> Iterator[tuple[int, Any]]:
+    """Number and value of the fields of a protobuf message: numbers and bytes."""
+    at = 0
+    while at < len(message):
+        key, at = varint(message, at)
+        value, at = varint(message, at)
+        if key & 7 == 2:
+            yield key >> 3, message[at : at + value]
+            at += value
+        else:
+            yield key >> 3, value
 
 
 def look(path: Path, size: tuple[int, int] = LARGE) -> dict[str, str]:
@@ -123,7 +182,7 @@ def main() -> None:
     headed = False
     for run in given or RUNS:
         command = [sys.executable, __file__, run, "--row", *options]
-        said = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+        said = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
         row: dict[str, str] = json.loads(said.splitlines()[-1])
         if not headed:
             print(f"| {' | '.join(row)} |\n|{' --- |' * len(row)}")

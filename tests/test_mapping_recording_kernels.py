@@ -46,6 +46,19 @@ def test_cells_come_in_order_front_band_others(seed: int, most: int) -> None:
 
 
 @few
+@given(SEEDS)
+def test_cells_that_changed_without_evidence(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    row0, col0, rows, cols = window(random)
+    free, band, _ = masks(random, (rows, cols))
+    old = random.integers(0, 3, (ROWS, COLS)).astype(np.uint32)
+    new = random.integers(0, 3, (rows, cols)).astype(np.uint32)
+    changed = new != old[row0 : row0 + rows, col0 : col0 + cols]
+    got = predicting.other_changes(new, old, free, band, row0, col0)
+    np.testing.assert_array_equal(got, changed & ~(free | band))
+
+
+@few
 @given(SEEDS, st.floats(0.001, 0.5), st.floats(-9, 9), st.floats(-9, 9))
 def test_distances_and_factors_have_the_same_bits(
     seed: int, size_m: float, x_m: float, y_m: float
@@ -121,6 +134,18 @@ def test_changes_and_evidence(seed: int, kind: type) -> None:
     )
     free, band, _ = masks(random, (10, 20))
     probability = random.random((10, 20))
+    single = np.array([0.0, 0.002, 0.25, 0.5], np.float32)
+    np.testing.assert_array_equal(
+        recording.changes_by_strength(
+            after.reshape(10, 20), before.reshape(10, 20), single
+        ).ravel(),
+        slow.strength_classes(after - before, after != before, single),
+    )
+    edges = np.array([0.0, 0.002, 0.25, 0.5])
+    np.testing.assert_array_equal(
+        recording.evidence_by_strength(probability, free, band, edges).ravel(),
+        slow.strength_classes((probability - 0.5).ravel(), (free | band).ravel(), edges),
+    )
     assert recording.evidence_of(probability, free, band) == (
         band.sum(), probability[band].max(initial=0.0),
         free.sum(), probability[free].min(initial=1.0),

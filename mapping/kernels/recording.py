@@ -80,6 +80,40 @@ def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def changes_by_strength(after: Singles, before: Singles, edges: Singles) -> Bytes:
+    """The :func:`strength_classes` of what became of a window's cells (rows, cols); 0: nothing."""
+    classes = np.zeros(after.shape, np.uint8)
+    rows, cols = after.shape
+    for row in range(rows):
+        for col in range(cols):
+            difference = after[row, col] - before[row, col]
+            if difference == 0:
+                continue
+            level, strength = 0, abs(difference)
+            while level < edges.size and strength >= edges[level]:
+                level += 1
+            classes[row, col] = level + (edges.size if difference > 0 else 0)
+    return classes
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def evidence_by_strength(probability: Floats, free: Flags, band: Flags, edges: Floats) -> Bytes:
+    """The :func:`strength_classes` of how far a reading's evidence lies from a half."""
+    classes = np.zeros(probability.shape, np.uint8)
+    rows, cols = probability.shape
+    for row in range(rows):
+        for col in range(cols):
+            if not (free[row, col] or band[row, col]):
+                continue
+            difference = probability[row, col] - 0.5
+            level, strength = 0, abs(difference)
+            while level < edges.size and strength >= edges[level]:
+                level += 1
+            classes[row, col] = level + (edges.size if difference > 0 else 0)
+    return classes
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def packed_rows(classes: Bytes, side: int) -> Bytes:
     """Numbers below 16 (rows, cols) as the rows of a PNG of ``side`` cells: two in a byte.
 

@@ -46,18 +46,18 @@ def _claimed(message: bytes) -> int:
     """The bytes that a chunk states; 0 where its first fields are none."""
     at = 0
     while at < len(message):
-        key, at = _varint(message, at)
+        key, at = varint(message, at)
         number, wire_type = key >> 3, key & 7
         if number >= _PAYLOAD_FIELD or wire_type not in (0, 2):
             return 0
-        value, at = _varint(message, at)
+        value, at = varint(message, at)
         if number == _UNPACKED_FIELD and wire_type == 0:
             return value
         at += value if wire_type == 2 else 0
     return 0
 
 
-def _varint(data: bytes, at: int) -> tuple[int, int]:
+def varint(data: bytes, at: int) -> tuple[int, int]:
     """A number in seven bits a byte, and where the next thing begins."""
     value = 0
     for shift in range(0, 70, 7):

@@ -82,13 +82,19 @@ def strength_names() -> list[Named]:
 
 def evidence_png(temp: TempGrid, side: int) -> bytes:
     """The picture of a reading's evidence; see :func:`strength_png`."""
-    return strength_png(strength_classes(temp.probability - 0.5, temp.band | temp.free), side)
+    from mapping.kernels.recording import evidence_by_strength
+
+    probability = np.ascontiguousarray(temp.probability, np.float64)
+    edges = np.array(STRENGTHS, np.float64)
+    return strength_png(evidence_by_strength(probability, temp.free, temp.band, edges), side)
 
 
 def change_png(merged: MergedGrid, side: int) -> bytes:
     """The picture of what a reading changed; see :func:`strength_png`."""
-    difference = merged.probability - merged.previous
-    return strength_png(strength_classes(difference, difference != 0), side)
+    from mapping.kernels.recording import changes_by_strength
+
+    after, before = merged.probability, merged.previous
+    return strength_png(changes_by_strength(after, before, np.array(STRENGTHS, after.dtype)), side)
 
 
 def strength_png(classes: NDArray[np.uint8], side: int) -> bytes:

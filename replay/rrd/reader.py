@@ -30,6 +30,7 @@ from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
 from replay.rrd.claims import check_claims
 from replay.rrd.layout import Tiling
 from replay.rrd.program import viewer_environment, viewer_program
+from replay.rrd.steps import Step as Step
 from replay.rrd.steps import read_steps
 from replay.rrd.tiles import is_made_whole, stored_tilings
 from replay.rrd.value_log.playback import Playback, Tiles

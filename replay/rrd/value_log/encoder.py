@@ -185,9 +185,7 @@ class LogEncoder(Generic[T]):
     def _predicted(self, reading: _Waiting[T]) -> bytes | None:
         temp, values = reading.temp, np.ascontiguousarray(reading.values, np.float32)
         assert temp is not None
-        free, band = temp.free, temp.band
-        others = self._changed(reading.window, values) & ~(free | band)
-        masks = Masks(reading.window, free, band, others)
+        masks = Masks(reading.window, temp.free, temp.band, self._other_changes(temp, values))
         cells, inner, in_front, in_band = masks.covered(self._track.geometry)
         factors = self._factors(temp.probability.ravel()[inner[in_front : in_front + in_band]])
         covered = Covered(_sensor_m(temp), cells, inner, in_front, in_band, factors)
@@ -196,6 +194,16 @@ class LogEncoder(Generic[T]):
         return predicted_record(
             self._track, self._number, masks, covered, table, true, _MOST_MISSED
         )
+
+    def _other_changes(self, temp: TempGrid, values: Singles) -> NDArray[np.bool_]:
+        """Cells of a reading's window that changed although it is no evidence for them."""
+        from replay.rrd.value_log.kernels import other_changes
+
+        others: NDArray[np.bool_] = other_changes(
+            values.view(np.uint32), self._track.values.view(np.uint32), temp.free, temp.band,
+            temp.window.row0, temp.window.col0,
+        )  # fmt: skip
+        return others
 
     def _plain(self, reading: _Waiting[T]) -> bytes:
         """Of the smallest rectangle that holds what changed; nothing where nothing did."""

@@ -54,6 +54,24 @@ def covered_cells(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def other_changes(
+    new: NDArray[np.uint32], all_old: NDArray[np.uint32], free: Flags, band: Flags, row0: int,
+    col0: int,
+) -> Flags:  # fmt: skip
+    """The cells of a window, marked neither ``free`` nor ``band``, whose bits became others.
+
+    ``new`` covers the window, whose first cell is (row0, col0), ``all_old`` the grid.
+    """
+    rows, cols = new.shape
+    others = np.zeros((rows, cols), np.bool_)
+    for row in range(rows):
+        for col in range(cols):
+            if new[row, col] != all_old[row0 + row, col0 + col]:
+                others[row, col] = not (free[row, col] or band[row, col])
+    return others
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def some_of(free: Flags, most: int) -> Integers:
     """About ``most`` of the cells marked in a window, evenly, as flat indices into it; 0: all."""
     marked = free.ravel()
