@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished
 from mapping.config import MappingConfig
+from mapping.framing import frame_of
 from mapping.grid import GridGeometry, geometry_for
 from mapping.layer_map import LayerMap, empty_maps
 from mapping.parameters import Sensor
@@ -136,7 +137,8 @@ class _LiveRun:
         maps = empty_maps(sensors, geometry, self._config.grid)
         grids = _Grids(sensors, geometry, maps, Trail(geometry))
         self._grids = grids
-        yield started_run(sensors, self._counts(), geometry, self._walls_m)
+        frame_m = frame_of(self._readings, self._walls_m)
+        yield started_run(sensors, self._counts(), geometry, self._walls_m, frame_m)
         for readings in stretches(self._readings, 0):
             yield from merge(readings, grids.maps, watched=False)
             grids.trail.take(readings)

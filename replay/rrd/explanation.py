@@ -167,9 +167,10 @@ def _thresholded(thresholded: Thresholded) -> str:
 
 def _classes(classes: Classes) -> str:
     counts = np.bincount(classes.codes.ravel(), minlength=len(classes.names))
+    colours = layout.class_colours(classes.names)
     rows = [
-        (name, layout.class_colour_name(name, number), f"{count:,}")
-        for number, (name, count) in enumerate(zip(classes.names, counts, strict=False))
+        (name, colours[name][1], f"{count:,}")
+        for name, count in zip(classes.names, counts, strict=False)
     ]
     table = markdown_table([("class", "drawn in", "cells"), *rows])
     return f"## Where the sensors agree\n\n{table}"

@@ -36,7 +36,7 @@ class Layers:
         if name not in self._tiles:
             canvas = self._canvas
             self._tiles[name] = LayerTiles(canvas.tiling)
-            scene.set_up_layer(canvas.sink, name, canvas.colour(name))
+            scene.set_up_layer(canvas.sink, name)
             scene.set_up_never_seen(canvas.sink, layout.merged(name), canvas.geometry, UNSEEN)
         return self._tiles[name]
 

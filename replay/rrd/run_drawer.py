@@ -13,6 +13,7 @@ from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.probing import CellProbe
+from replay.colours import sensor_colours
 from replay.probe_text import name_of
 from replay.rrd import columns, layout, readings, scene
 from replay.rrd.blueprints import default_blueprint
@@ -68,7 +69,10 @@ class RunDrawer:
         """Lay out the empty map, with every layer unseen."""
         assert isinstance(first, Started)
         self._started = first
-        self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns))
+        layer_of = {sensor.name: sensor.layer for sensor in first.sensors}
+        found = sensor_colours(first.layers, layer_of)
+        colours = {name: layout.opaque(colour) for name, colour in found.items()}
+        self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns), colours)
         self._layers = Layers(self.canvas)
         self._results = Results(self.canvas, self._layers)
         scene.set_up(sink, first, self._config_text)
@@ -93,6 +97,7 @@ class RunDrawer:
         texts = [each.draw(canvas, artifact, shown=shown) for each in self._overlays]
         match artifact:
             case Beam():
+                self._results.clear()
                 layers.set_up(artifact.layer)
                 if shown:
                     readings.draw_beam(canvas, artifact)
@@ -107,6 +112,7 @@ class RunDrawer:
                 if shown and detail.changes:
                     readings.draw_change(canvas, artifact)
             case Finished():
+                self._results.finish(readings.draw_end(canvas))
                 texts.append(detail.left_out)
             case _:
                 canvas.wipe()
