@@ -84,6 +84,17 @@ class Readings:
             self.ranges_m[axes], self.reach_m[axes],
         )  # fmt: skip
 
+    def chosen(self, kept: NDArray[np.bool_]) -> Readings:
+        """Those that are kept (N,), in their order, numbered anew."""
+        counts = np.diff(self.begins)
+        axes = np.repeat(kept, counts)
+        begins = np.concatenate([[0], np.cumsum(counts[kept])])
+        return Readings(
+            self.sensors, self.first_number, self.t_ns[kept], self.sensor[kept],
+            self.world_from_base[kept], self.world_from_sensor[kept], begins,
+            self.bearings_rad[axes], self.ranges_m[axes], self.reach_m[axes],
+        )  # fmt: skip
+
     def beam(self, row: int) -> Beam:
         """The beam of one row; its arrays are views."""
         sensor = self.sensors[self.sensor[row]]

@@ -32,8 +32,11 @@ from recorder.outputs import written_beside
 from recorder.versions import own_version
 from replay.collector import Collector
 from replay.json_values import json_value
+from replay.pictures.layer_picture import layer_picture
+from replay.pictures.map_svg import map_svg
+from replay.pictures.parts import Floats
 from replay.trajectory import tum_text
-from replay.vector_files import segments_geojson, vector_dxf, vector_svg
+from replay.vector_files import segments_geojson, vector_dxf
 
 _UNKNOWN = 0.5  # its grey lies between the two thresholds, whatever these are set to
 _DEFAULTS = ExportSection()
@@ -71,14 +74,17 @@ class Exporter:
         Raises BadInput when the directory cannot be written.
         """
         try:
-            for name, content in (*self._files(), ("trajectory.tum", tum_text(poses).encode())):
+            where = [(p.world_from_base.x_m, p.world_from_base.y_m) for p in poses]
+            path_m = np.array(where, np.float64).reshape(-1, 2)
+            trajectory = "trajectory.tum", tum_text(poses).encode()
+            for name, content in (*self._files(path_m), trajectory):
                 with written_beside(self._directory / name) as part:
                     part.write_bytes(content)
         except OSError as error:
             reason = error.strerror or error
             raise BadInput(f"cannot write into {self._directory}: {reason}") from error
 
-    def _files(self) -> Iterator[tuple[str, bytes]]:
+    def _files(self, path_m: Floats) -> Iterator[tuple[str, bytes]]:
         results = self._results
         for name, snapshot in results.snapshots.items():
             layer = snapshot.layer
@@ -95,7 +101,9 @@ class Exporter:
             yield f"{name}.segments.geojson", segments_geojson(on_grid).encode()
             yield f"{name}.raw-segments.geojson", segments_geojson(raw).encode()
             yield f"{name}.dxf", vector_dxf(on_grid, borders).encode()
-            yield f"{name}.svg", vector_svg(on_grid, borders).encode()
+            svg = map_svg(on_grid, borders, layer=layer, path_m=path_m)
+            yield f"{name}.svg", svg.encode()
+            yield f"{name}.picture.png", layer_picture(layer, snapshot.rule, on_grid, path_m)
             points = [p for p in results.points if p.layer == name]
             yield f"{name}.points.csv", points_csv(points).encode()
         yield "summary.json", self._summary().encode()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from recorder.cli import options
+from recorder.cli.simulated_faults import fault_options, faults_of
 
 
 @click.command(epilog="Example:  echogrid simulate room -o run.mcap --duration 60 --seed 1")
@@ -51,15 +53,19 @@ from recorder.cli import options
     show_default=True,
     help="Turn the sensors' head to and fro, by so many degrees (0 to 180) to each side.",
 )
+@fault_options
 @options.force
 @options.quiet
 def simulate(
     room: str, output: Path, duration: float, seed: int, noise: float, sensors: str, route: str,
-    head_sweep: float, force: bool, quiet: bool,
+    head_sweep: float, force: bool, quiet: bool, **faults: Any,
 ) -> int:  # fmt: skip
     """Make a session of a simulated robot, at once.
 
     ROOM is a room's name (docs/simulator.md shows them) or a GeoJSON file.
+
+    A fault is planted for whoever wants to find it: the session does not state it, but for its
+    metadata.
     """
     from recorder.session import SessionWriter
     from recorder.simulator.robot import simulate as run
@@ -68,12 +74,15 @@ def simulate(
 
     place = load_room(room)
     path = None if route == "default" else parse_route(route, place)
+    wrong = faults_of(faults)
     names = tuple(name.strip() for name in sensors.split(",") if name.strip())
     messages = run(
         place, duration_s=duration, seed=seed, noise=noise, sensors=names, route=path,
-        head_sweep_deg=head_sweep,
+        head_sweep_deg=head_sweep, faults=wrong,
     )  # fmt: skip
     metadata = {"simulated": place.name, "seed": seed, "noise": noise, "duration_s": duration}
+    if wrong.stated():
+        metadata["faults"] = wrong.stated()
     count = 0
     with SessionWriter(output, metadata=metadata, force=force) as session:
         session.attach(WALLS, WALLS_TYPE, walls_to_geojson(place.walls_m, place.name))

@@ -11,7 +11,7 @@ import heapq
 import itertools
 import math
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
@@ -36,6 +36,14 @@ from recorder.protocols.reports import HeadReport, RangeReport, WheelReport
 from recorder.sensors import CATALOGUE, DEFAULT_SENSORS, ScanPattern, SensorKind, guess_kind
 from recorder.simulator.drive import Drive
 from recorder.simulator.echoes import range_reading, scan_reading
+from recorder.simulator.faults import (
+    SOUND,
+    SOUND_SENSOR,
+    RunFaults,
+    check_faults,
+    holds_at,
+    spoiled,
+)
 from recorder.simulator.rooms import Room, check_route
 
 DEFAULT_START_NS = 1_767_225_600_000_000_000  # 2026-01-01T00:00:00Z
@@ -51,7 +59,6 @@ _TRACKER_LATENCY_NS = 30_000_000
 _POSE_ERROR_M = 0.003
 _POSE_ERROR_RAD = math.radians(1.0)
 _WHEEL_SIZE_ERROR = 0.005
-_WHEEL_SLIP = 0.02  # of the way rolled between two readings of the counters
 # Each has random numbers of its own; those of any other sensor follow from its name.
 _STREAMS = ("pose", "wheels", "ping", "dirrs", "lidar")
 
@@ -74,7 +81,7 @@ class Robot:
     ``sensors`` are names that hold their kind, as ``ping``, ``tfmini`` or ``hcsr04_left``.
     Raises BadInput for an unknown sensor, a route that cannot be driven, and numbers out of range.
     ``head_sweep_deg`` above 0 puts the rangers on a head that turns to and fro by so much to
-    either side.
+    either side. ``faults`` are what is wrong with it, besides its noise.
     """
 
     def __init__(
@@ -86,6 +93,7 @@ class Robot:
         sensors: Sequence[str] = DEFAULT_SENSORS,
         route: NDArray[np.float64] | None = None,
         head_sweep_deg: float = 0.0,
+        faults: RunFaults = SOUND,
     ) -> None:
         for what, value, highest in (
             ("noise", noise, MAX_NOISE),
@@ -102,6 +110,8 @@ class Robot:
         self._noise = noise
         self._seed = seed
         self._sweep_rad = math.radians(head_sweep_deg)
+        self._faults = faults
+        check_faults(faults, self.kinds)
 
     def events(self, duration_s: float = math.inf) -> Iterator[Event]:
         """All reports of the first ``duration_s`` seconds, in the order of ``log_ns``."""
@@ -115,7 +125,7 @@ class Robot:
         return heapq.merge(*within, key=attrgetter("log_ns"))
 
     def mounts(self) -> dict[str, tuple[str, SE2]]:
-        """The frame that each sensor is fixed to, and where it sits there."""
+        """The frame that each sensor is fixed to, and where it is said to sit there."""
         carrier = HEAD_FRAME if self._sweep_rad > 0.0 else BASE_FRAME
         return {
             name: (carrier if kind.scan is None else BASE_FRAME, kind.mount)
@@ -138,18 +148,39 @@ class Robot:
         number = _STREAMS.index(stream) if known else zlib.crc32(stream.encode())
         return np.random.default_rng([self._seed, number])
 
+    def _before(self, t_ns: int, delay_s: float) -> int:
+        """The time so long before, or the start."""
+        return max(0, t_ns - round(delay_s * 1e9))
+
     def _poses(self) -> Iterator[Event]:
-        rng = self._random("pose")
+        rng, faults = self._random("pose"), self._faults
         spread = self._noise * np.array([_POSE_ERROR_M, _POSE_ERROR_M, _POSE_ERROR_RAD])
+        error_of_faults = self._pose_error()
         for t_ns in itertools.count(0, _POSE_PERIOD_NS):
-            true = self.world_from_base(t_ns)
-            error = spread * rng.standard_normal(3)
+            true = self.world_from_base(self._before(t_ns, faults.pose_delay_s))
+            error = spread * rng.standard_normal(3) + error_of_faults(t_ns)
             seen = SE2(
                 true.x_m + float(error[0]),
                 true.y_m + float(error[1]),
                 wrap_angle(true.heading_rad + float(error[2])),
             )
             yield Event(t_ns, t_ns + _TRACKER_LATENCY_NS, Pose(t_ns, seen))
+
+    def _pose_error(self) -> Callable[[int], NDArray[np.float64]]:
+        """What the faults of the run add to a pose's x, y (m) and heading (rad) at a time."""
+        faults, rng = self._faults, self._random("faults of poses")
+        away_rad = rng.uniform(-math.pi, math.pi)
+        away = np.array([math.cos(away_rad), math.sin(away_rad), 0.0])
+        per_min = faults.pose_drift_mpmin * away
+        per_min[2] = math.radians(faults.pose_drift_degpmin)
+        spread = np.array([faults.pose_noise_m] * 2 + [math.radians(faults.pose_noise_deg)])
+        bias = np.array([0.0, 0.0, math.radians(faults.heading_bias_deg)])
+
+        def error(t_ns: int) -> NDArray[np.float64]:
+            off = per_min * (t_ns / 60e9) + spread * rng.standard_normal(3) + bias
+            return np.asarray(off)
+
+        return error
 
     def _wheels(self) -> Iterator[Event]:
         """Counters of 16 bits. No wheel has quite the size that it should, and all slip."""
@@ -159,7 +190,7 @@ class Robot:
         for t_ns in itertools.count(0, _WHEEL_PERIOD_NS):
             state = self.drive.at(t_ns * 1e-9)
             now_m = np.array([state.left_m, state.right_m])
-            slip = 1.0 + _WHEEL_SLIP * self._noise * rng.standard_normal(2)
+            slip = 1.0 + self._faults.wheel_slip * self._noise * rng.standard_normal(2)
             counted_m = counted_m + (now_m - rolled_m) * size * slip
             rolled_m = now_m
             ticks = np.floor(counted_m * WHEELS.ticks_per_m).astype(np.int64) % COUNTER_RANGE
@@ -171,29 +202,75 @@ class Robot:
 
         Sound and light take turns.
         """
-        rng = self._random(name)
+        faults = self._faults.of(name)
+        reported_as = faults.reports_as or name
+        measure, last_m = self._ranger(name, kind), math.inf
         period_ns = round(1e9 / kind.rate_hz)
         first_ns = 0 if kind.radiation is Radiation.ULTRASOUND else period_ns // 2
         for t_ns in itertools.count(first_ns, period_ns):
             log_ns = t_ns + _SERIAL_LATENCY_NS
-            head_rad = self.head_rad(t_ns)
             if self._sweep_rad > 0.0:
-                yield Event(t_ns, log_ns, HeadReport(HEAD_FRAME, head_rad))
-            base_from_sensor = SE2(0.0, 0.0, head_rad) @ kind.mount
-            sensor = self.world_from_base(t_ns) @ base_from_sensor
-            range_m = range_reading(self.room.walls_m, sensor, kind, self._noise, rng)
-            yield Event(t_ns, log_ns, RangeReport(name, range_m))
+                yield Event(t_ns, log_ns, HeadReport(HEAD_FRAME, self.head_rad(t_ns)))
+            range_m = measure(self._before(t_ns, faults.delay_s))
+            if holds_at(faults.stuck_s, t_ns * 1e-9):
+                range_m = last_m
+            last_m = range_m
+            if not holds_at(faults.dead_s, t_ns * 1e-9):
+                yield Event(t_ns, log_ns, RangeReport(reported_as, range_m))
 
-    def _scans(self, name: str, kind: SensorKind, pattern: ScanPattern) -> Iterator[Event]:
-        rng = self._random(name)
-        bearings_rad = pattern.bearings_rad
-        for t_ns in itertools.count(0, round(1e9 / kind.rate_hz)):
+    def _ranger(self, name: str, kind: SensorKind) -> Callable[[int], float]:
+        """What a ranger measures at one time after the other, its faults included."""
+        rng, faults = self._random(name), self._faults.of(name)
+        of_faults, of_talk = self._random(f"faults of {name}"), self._random(f"talk to {name}")
+        if faults.beam_width_deg is not None:
+            kind = replace(kind, beam_width_deg=faults.beam_width_deg)
+        others = self._heard_by(name, kind)
+
+        def measure(t_ns: int) -> float:
+            sensor = self._world_from_sensor(name, kind, t_ns)
+            range_m = range_reading(self.room.walls_m, sensor, kind, self._noise, rng)
+            for other, of_other in others:
+                if of_talk.random() < self._faults.cross_talk:
+                    there = self._world_from_sensor(other, of_other, t_ns)
+                    way_m = range_reading(self.room.walls_m, there, of_other, self._noise, of_talk)
+                    apart_m = math.hypot(there.x_m - sensor.x_m, there.y_m - sensor.y_m)
+                    range_m = min(range_m, way_m + apart_m / 2.0) if way_m > 0.0 else range_m
+            return range_m if faults is SOUND_SENSOR else spoiled(range_m, faults, kind, of_faults)
+
+        return measure
+
+    def _heard_by(self, name: str, kind: SensorKind) -> list[tuple[str, SensorKind]]:
+        """The sonars whose echoes a sonar receives: they ping at once, and sound bends round."""
+        if kind.radiation is not Radiation.ULTRASOUND or self._faults.cross_talk == 0.0:
+            return []
+        of_each = self.kinds.items()
+        return [(n, k) for n, k in of_each if n != name and k.radiation is Radiation.ULTRASOUND]
+
+    def _world_from_sensor(self, name: str, kind: SensorKind, t_ns: int) -> SE2:
+        """Where a sensor truly is."""
+        error = self._faults.of(name).mount
+        if kind.scan is None:
+            sensor = self.world_from_base(t_ns) @ (SE2(0.0, 0.0, self.head_rad(t_ns)) @ kind.mount)
+        else:
             sensor = self.world_from_base(t_ns)
             if kind.mount != IDENTITY:  # the product with it rounds the heading
                 sensor = sensor @ kind.mount
+        return sensor if error == IDENTITY else sensor @ error
+
+    def _scans(self, name: str, kind: SensorKind, pattern: ScanPattern) -> Iterator[Event]:
+        rng, faults = self._random(name), self._faults.of(name)
+        of_faults = self._random(f"faults of {name}")
+        bearings_rad = pattern.bearings_rad
+        for t_ns in itertools.count(0, round(1e9 / kind.rate_hz)):
+            at_ns = self._before(t_ns, faults.delay_s)
+            sensor = self._world_from_sensor(name, kind, at_ns)
             ranges_m = scan_reading(
                 self.room.walls_m, sensor, kind, pattern, self._noise, rng
             )  # fmt: skip
+            if faults is not SOUND_SENSOR:
+                ranges_m = np.array([spoiled(r, faults, kind, of_faults) for r in ranges_m])
+            if holds_at(faults.dead_s, t_ns * 1e-9):
+                continue
             ranges_m.setflags(write=False)
             scan = Scan(
                 t_ns, name, ranges_m, float(bearings_rad[0]),
@@ -211,6 +288,7 @@ def simulate(
     sensors: Sequence[str] = DEFAULT_SENSORS,
     route: NDArray[np.float64] | None = None,
     head_sweep_deg: float = 0.0,
+    faults: RunFaults = SOUND,
     start_ns: int = DEFAULT_START_NS,
 ) -> Iterator[tuple[int, Message]]:
     """A whole run as ``(log_ns, message)`` pairs, in the order of ``log_ns``.
@@ -230,6 +308,7 @@ def simulate(
         sensors=sensors,
         route=route,
         head_sweep_deg=head_sweep_deg,
+        faults=faults,
     )
     return _messages(robot, duration_s, start_ns)
 

@@ -4,7 +4,8 @@ from replay.cli.demo import demo
 from replay.cli.diff import diff
 from replay.cli.live import live
 from replay.cli.map import map_
+from replay.cli.picture import picture
 from replay.cli.replay import replay
 from replay.cli.view import view
 
-COMMANDS = (demo, diff, live, map_, replay, view)
+COMMANDS = (demo, diff, live, map_, picture, replay, view)

@@ -1,0 +1,1 @@
+"""How good a map and its lines are: against walls that are known, or without."""
