@@ -40,6 +40,29 @@ def take(
 
 
 @njit(cache=True, error_model="numpy")
+def shade(
+    probability: Singles, observed: Flags, shades: Bytes, drawn: Bytes, row0: int, col0: int,
+    side: int, unseen: int, slack: float, tile_is_off: Flags,
+) -> None:  # fmt: skip
+    """Write the per cent of a window's cells, to the nearest even one, into the grid's ``shades``.
+
+    ``unseen`` where a cell is not ``observed``. Marks the tiles of ``side`` cells of which one cell
+    is ``drawn`` by more than ``slack`` points off its true per cent, or seen where it was not.
+    """
+    rows, cols = probability.shape
+    for row in range(rows):
+        tile_row = (row0 + row) // side
+        for col in range(cols):
+            if not observed[row0 + row, col0 + col]:
+                continue
+            p = probability[row, col]
+            shades[row0 + row, col0 + col] = 2 * np.uint8(np.rint(p * np.float32(50.0)))
+            before = drawn[row0 + row, col0 + col]
+            if before == unseen or abs(np.float32(100.0) * p - before) > slack:
+                tile_is_off[tile_row, (col0 + col) // side] = True
+
+
+@njit(cache=True, error_model="numpy")
 def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any]) -> Bytes:
     """How many edges a difference (N,) reaches, as many more where it is positive; else 0.
 
@@ -54,6 +77,22 @@ def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any
             level += strength >= edge
         classes[k] = level + (edges.size if difference[k] > 0 else 0)
     return classes
+
+
+@njit(cache=True, error_model="numpy")
+def packed_rows(classes: Bytes, side: int) -> Bytes:
+    """Numbers below 16 (rows, cols) as the rows of a PNG of ``side`` cells: two in a byte.
+
+    Each row begins with a 0: it is not coded by the one before. Cells without numbers are 0.
+    """
+    rows, cols = classes.shape
+    packed = np.zeros((side, 1 + (side + 1) // 2), np.uint8)
+    for row in range(rows):
+        for col in range(0, cols - 1, 2):
+            packed[row, 1 + col // 2] = classes[row, col] << 4 | classes[row, col + 1]
+        if cols % 2:
+            packed[row, 1 + cols // 2] = classes[row, cols - 1] << 4
+    return packed
 
 
 @njit(cache=True, error_model="numpy")

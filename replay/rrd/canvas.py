@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mapping.grid import GridGeometry
 from replay.colours import sensor_colours
 from replay.rrd import columns, layout, scene
-from replay.rrd.layout import Colour, Place
+from replay.rrd.layout import Colour, Place, Tiling
 from replay.rrd.sink import Pack, RowBuffer, Sink, Stamp
 
 Floats = NDArray[np.float64]
@@ -36,6 +36,7 @@ class Canvas:
     ) -> None:
         self.sink, self.geometry, self.stamp = sink, geometry, stamp
         self.tiling = layout.tiling_for(geometry)
+        self._results_tiling = layout.results_tiling_for(geometry)
         self.rows = RowBuffer(sink)
         self._prepared: set[str] = set()
         self._vanishing: dict[str, tuple[Pack, Any]] = {}
@@ -112,23 +113,28 @@ class Canvas:
         return self._colours[sensor]
 
     def draw_tile(self, root: str, place: Place, picture: NDArray[np.uint8], order: float) -> None:
-        """Draw one tile of a grid of classes."""
-        entity = layout.tile(root, *place)
-        self.prepare(entity, scene.set_up_tile, self.tiling, place, order)
-        self.add(entity, columns.class_images, picture, picture.nbytes)
+        """Draw one tile of what readings change."""
+        self._draw_tile(root, self.tiling, place, picture, order)
 
     def draw_classes(self, root: str, picture: NDArray[np.uint8], order: float) -> None:
-        """Draw a grid of classes: the tiles that are not as they were drawn last."""
+        """Draw a whole grid of classes: the tiles that are not as they were drawn last."""
         drawn = self._classes.get(root)
         if drawn is None:
             drawn = np.zeros_like(picture)
             if order == layout.ORDER_CLASSES:
                 scene.set_up_never_seen(self.sink, root, self.geometry, 0)
         self._classes[root] = picture.copy()
-        for place in self.tiling:
-            part = self.tiling.window(*place).slices
+        for place in self._results_tiling:
+            part = self._results_tiling.window(*place).slices
             if not np.array_equal(picture[part], drawn[part]):
-                self.draw_tile(root, place, picture[part].copy(), order)
+                self._draw_tile(root, self._results_tiling, place, picture[part].copy(), order)
+
+    def _draw_tile(
+        self, root: str, tiling: Tiling, place: Place, picture: NDArray[np.uint8], order: float
+    ) -> None:
+        entity = layout.tile(root, *place)
+        self.prepare(entity, scene.set_up_tile, tiling, place, order)
+        self.add(entity, columns.class_images, picture, picture.nbytes)
 
     @property
     def chunks(self) -> int:

@@ -63,9 +63,9 @@ class Layers:
             if exact:
                 self._log.replace(name, tiles.take_inexact(), stamp)
 
-    def draw(self, name: str) -> None:
-        """Draw the tiles of a layer that changed since they were drawn."""
-        for place, picture in self._tiles[name].take_undrawn():
+    def draw(self, name: str, *, whole: bool = False) -> None:
+        """Draw the tiles of a layer that are drawn too far off; of a ``whole`` map, off at all."""
+        for place, picture in self._tiles[name].take_undrawn(whole=whole):
             self._canvas.draw_tile(layout.merged(name), place, picture, layout.ORDER_TILES)
 
     def draw_whole(self, snapshot: Snapshot) -> None:
@@ -74,7 +74,7 @@ class Layers:
         tiles = self._begin(layer.name, layer.kind, snapshot.rule)
         tiles.see_whole(layer.observed)
         tiles.update(layer.geometry.whole, layer.values, layer.probability)
-        self.draw(layer.name)
+        self.draw(layer.name, whole=True)
         self._log.replace(layer.name, tiles.take_stale(), stamp)
         self._log.restart(layer.name, stamp)
 

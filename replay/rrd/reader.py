@@ -28,6 +28,7 @@ from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
 from replay.rrd.claims import check_claims
+from replay.rrd.layout import Tiling
 from replay.rrd.program import viewer_environment, viewer_program
 from replay.rrd.value_log.playback import Playback, Tiles
 from replay.rrd.value_log.records import ValueLogError
@@ -35,6 +36,7 @@ from replay.rrd.value_log.track import Track
 
 Floats = NDArray[np.float64]
 MOST_CELLS = 100_000_000  # of all layers, to be read exactly
+MOST_TILES = 65_536
 _WHAT = "a Rerun recording"
 
 
@@ -60,7 +62,7 @@ class RrdRecording:
         self._file = Batches(file, root, indexed=not damaged)
         self._playing: dict[str, Playback] = {}
         self.config_text = self._file.one_text(layout.CONFIG, "TextDocument:text")
-        self.geometry, self.layers, self.walls_m = self._read_grid()
+        self.geometry, self.layers, self.walls_m, self._tilings = self._read_grid()
         self.steps = self._read_steps()
         self._by_number = {step.step: step for step in self.steps}
 
@@ -219,7 +221,7 @@ class RrdRecording:
         self, root: str, component: str, step: int | None
     ) -> Iterator[tuple[Window, Row]]:
         """The newest version of each tile up to a step, with where it lies in the grid."""
-        windows = self._windows(root)
+        windows = self._windows(root, component)
         newest: dict[str, Row] = {}
         for batch_entity, batch in self._file.batches_by_entity(f"{root}/**", component):
             if batch_entity not in windows:
@@ -237,7 +239,7 @@ class RrdRecording:
         self, root: str, component: str, *, after: int = -1
     ) -> Iterator[tuple[int, Tiles]]:
         """The tiles that each step wrote, in the order of the steps."""
-        windows = self._windows(root)
+        windows = self._windows(root, component)
         firsts = [
             int(batch.column(layout.STEP)[0].as_py())
             for _, batch in self._file.batches_by_entity(f"{root}/**", component)
@@ -256,8 +258,9 @@ class RrdRecording:
             for step in sorted(each for each in waiting if each < horizon):
                 yield step, waiting.pop(step)
 
-    def _windows(self, root: str) -> dict[str, Window]:
-        tiling = layout.tiling_for(self.geometry)
+    def _windows(self, root: str, component: str) -> dict[str, Window]:
+        """Where the tiles of exact ``values`` lie, or those of pictures."""
+        tiling = self._tilings[component != "values"]
         return {layout.tile(root, *at): tiling.window(*at) for at in tiling}
 
     def _beam(self, batch: pa.RecordBatch, i: int) -> Beam:
@@ -276,7 +279,9 @@ class RrdRecording:
             reach_m=reach_of_axes(np.array(reach_m, np.float64)),
         )
 
-    def _read_grid(self) -> tuple[GridGeometry, tuple[str, ...], Floats]:
+    def _read_grid(
+        self,
+    ) -> tuple[GridGeometry, tuple[str, ...], Floats, tuple[Tiling, Tiling]]:
         batches = self._file.batches(layout.GRID, "where_m", whole=True)
         if not batches:
             several = ", ".join(_map_names(self._file.file)) if not self._file.root else ""
@@ -290,7 +295,20 @@ class RrdRecording:
         walls = np.zeros((0, 2, 2))
         if "walls_m" in batches[0].schema.names:
             walls = numbers_of(batches[0], "walls_m", 0).reshape(-1, 2, 2)
-        return GridGeometry((x, y), cell, rows, cols), layers, walls
+        geometry = GridGeometry((x, y), cell, rows, cols)
+        return geometry, layers, walls, self._read_tilings(geometry, batches[0])
+
+    def _read_tilings(self, geometry: GridGeometry, batch: pa.RecordBatch) -> tuple[Tiling, Tiling]:
+        """How exact values and pictures are cut; older recordings do not state it."""
+        if "tile_cells" in batch.schema.names:
+            values, pictures = (
+                Tiling(geometry, max(int(n), 1)) for n in numbers_of(batch, "tile_cells", 0)
+            )
+        else:
+            values = pictures = _older_tiling(geometry)
+        if values.count > MOST_TILES or pictures.count > MOST_TILES:
+            raise BadInput(f"{self.path}: a map in {values.count} tiles: too many")
+        return values, pictures
 
     def _read_steps(self) -> list[Step]:
         steps = []
@@ -393,6 +411,14 @@ def _has_footer(path: Path) -> bool:
     except BadInput:
         return False
     return True
+
+
+def _older_tiling(geometry: GridGeometry) -> Tiling:
+    """What recordings were cut into before they stated it."""
+    tiling = Tiling(geometry, 64)
+    while tiling.count > 1024:
+        tiling = Tiling(geometry, tiling.side * 2)
+    return tiling
 
 
 def _step_of(batch: pa.RecordBatch, i: int) -> int:
