@@ -156,7 +156,7 @@ def test_classes_state_the_colour_they_are_drawn_in() -> None:
         "agree occupied | black | 1",
         "contradict | red | 1",
         "ping alone occupied | orange | 2",
-        "dirrs alone empty | pale blue | 1",
+        "dirrs alone empty | pale violet | 1",
     ):
         assert f"| {row} |" in text
 

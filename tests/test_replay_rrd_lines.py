@@ -57,8 +57,8 @@ def rows_of(recording: RrdRecording, entity: str, component: str) -> list[Any]:
 
 
 def newest(recording: RrdRecording, entity: str, component: str) -> Any:
-    """The last value of a component, or None."""
-    rows = rows_of(recording, entity, component)
+    """The last value of a component that is not empty, as the end leaves it, or None."""
+    rows = [row for row in rows_of(recording, entity, component) if row is not None and len(row)]
     return rows[-1] if rows else None
 
 

@@ -84,9 +84,7 @@ def map_svg(
         *_legend(drawsvg, paper, segments, borders, path, layer),
     ):  # fmt: skip
         drawing.append(piece)
-    drawing.set_render_size(
-        f"{box.width_m / paper.mm:.6g}mm", f"{box.height_m / paper.mm:.6g}mm"
-    )
+    drawing.set_render_size(f"{box.width_m / paper.mm:.6g}mm", f"{box.height_m / paper.mm:.6g}mm")
     svg: str = drawing.as_svg()
     return svg
 
