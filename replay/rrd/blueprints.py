@@ -24,8 +24,7 @@ from replay.rrd.display_layers import OF_ONE, OF_SEVERAL, TITLES, inks
 Part: TypeAlias = rrb.View | rrb.Container
 
 MAPS, CHANGES, DISPLAYS = "Maps", "What changed", "Other ways to draw them"
-CLASSES = "classes: where the sensors agree"
-WIDE, KEPT = "Wide shot", "With borders and points"
+WIDE, MATTERS = "Wide shot", "The readings that matter"
 THRESHOLDS = "Thresholds side by side"
 RANGES = "Range of each reading, metres"
 
@@ -106,11 +105,11 @@ def _tabs(started: Started, displays: Sequence[str]) -> list[Part]:
     tabs: list[Part] = [each(MAPS, frame)]
     if FUSED in layers and FUSED not in sensors:
         tabs.append(layer_view(FUSED, frame, displays, of=started))
-        tabs.append(_map_view(CLASSES, [f"{layout.CLASSES}/**"], frame))
+        tabs.append(_map_view(layout.CLASSES_TITLE, [f"{layout.CLASSES}/**"], frame))
     tabs.append(each(CHANGES, frame, changes=True))
     if whole != frame:
         tabs.append(each(WIDE, whole))
-    tabs.append(each(KEPT, frame, kept=True))
+    tabs.append(each(layout.KEPT_TITLE, frame, kept=True))
     pictures = _display_views(started, displays, frame)
     if pictures:
         tabs.append(beside(DISPLAYS, pictures, frame))

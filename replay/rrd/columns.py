@@ -259,6 +259,11 @@ def number_records(rows: Sequence[NDArray[Any]]) -> Columns:
     return [_joined("numbers", rows)]
 
 
+def log_lines(rows: Sequence[tuple[str, str]]) -> Columns:
+    """Lines of a log, each with its level."""
+    return list(rr.TextLog.columns(text=[r[0] for r in rows], level=[r[1] for r in rows]))
+
+
 def notices(rows: Sequence[str]) -> Columns:
     """Lines of a log."""
     return list(rr.TextLog.columns(text=rows, level=["WARN"] * len(rows)))

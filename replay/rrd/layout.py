@@ -30,6 +30,7 @@ CONFIG = "/config"
 LEGEND = "/legend"
 STEPS = "/steps"
 NOTICE = "/notice"
+MATTERS = "/readings_that_matter"
 VALUE_LOG = "/histories"
 MAPS = "/maps"  # the names of several maps in one recording
 PROBES = "/probes"
@@ -39,6 +40,9 @@ THRESHOLDS = f"{MAP}/thresholds"
 PROBE_MARKS = f"{MAP}/probes"
 
 STEP, READING, TIME = "step", "reading", "time"
+# Tabs that texts name.
+CLASSES_TITLE = "classes: where the sensors agree"
+KEPT_TITLE = "With borders and points"
 
 # What is drawn over what, from below. Up to the patch they are grids, each in a plane of its own.
 ORDER_NEVER_SEEN, ORDER_TILES, ORDER_CLASSES, ORDER_THRESHOLDED = -1.0, 0.0, 1.0, 2.0

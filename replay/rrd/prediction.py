@@ -22,20 +22,20 @@ class PredictionOverlay:
 
     def __init__(self, threshold: float) -> None:
         self._threshold = threshold
-        self._predictor = RangePredictor(threshold)
+        self.predictor = RangePredictor(threshold)
 
     def start(self, canvas: Canvas, started: Started) -> None:
         """Know the grid."""
-        self._predictor(started)
+        self.predictor(started)
 
     def draw(self, canvas: Canvas, artifact: Artifact, *, shown: bool) -> str:
         """A point of the plot at each beam, and how well the map knew it, as text."""
         if not isinstance(artifact, Beam):
-            self._predictor(artifact)
+            self.predictor(artifact)
             return ""
         if not shown:
             return ""
-        predicted = float(self._predictor.ranges_m(artifact).min(initial=np.inf))
+        predicted = float(self.predictor.ranges_m(artifact).min(initial=np.inf))
         measured = float(artifact.ranges_m[artifact.saw_something].min(initial=np.inf))
         entity = layout.predicted_range(artifact.sensor)
         colour = canvas.colour(artifact.sensor)

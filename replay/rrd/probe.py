@@ -14,7 +14,7 @@ from mapping.probing import BEHIND, CellProbe, Touch
 from replay import probe_text
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
-from replay.rrd.sink import Columns, Sink, Stamp
+from replay.rrd.sink import Sink, Stamp
 
 _HAIR_SHARE = 0.03  # of the grid's diagonal: the four strokes that point at the cell
 
@@ -51,7 +51,9 @@ class ProbeOverlay:
         self._listed[number] = len(probe.touches)
         for touch in new:
             line = probe_text.touch_text(touch)
-            canvas.add(layout.probe_log(number), _log_lines, (line, _level(touch)), len(line))
+            canvas.add(
+                layout.probe_log(number), columns.log_lines, (line, _level(touch)), len(line)
+            )
         if not isinstance(artifact, Finished):
             layer = artifact.layer if isinstance(artifact, MergedGrid) else artifact.layer.name
             self._plot(canvas, number, probe, layer, new)
@@ -83,11 +85,6 @@ class ProbeOverlay:
 def _level(touch: Touch) -> str:
     """Readings that leave the cell as it is are written paler."""
     return "DEBUG" if touch.zone == BEHIND else "INFO"
-
-
-def _log_lines(rows: Sequence[tuple[str, str]]) -> Columns:
-    """Lines of a log, each with its level."""
-    return list(rr.TextLog.columns(text=[r[0] for r in rows], level=[r[1] for r in rows]))
 
 
 def _mark(canvas: Canvas, number: int, probe: CellProbe) -> None:

@@ -21,6 +21,7 @@ from replay.rrd.canvas import Canvas
 from replay.rrd.display_layers import DisplayOverlay
 from replay.rrd.explanation import describe, layer_of
 from replay.rrd.layers import Layers
+from replay.rrd.outcome import OutcomeOverlay
 from replay.rrd.prediction import PredictionOverlay
 from replay.rrd.probe import ProbeOverlay
 from replay.rrd.results import Results
@@ -159,7 +160,8 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
     Each probe must take an artifact before the drawer does.
     """
     section, borders = config.rerun, config.borders
-    overlays: list[Overlay] = [PredictionOverlay(borders.threshold)]
+    prediction = PredictionOverlay(borders.threshold)
+    overlays: list[Overlay] = [prediction, OutcomeOverlay(prediction.predictor)]
     if section.display:
         overlays.append(
             DisplayOverlay(
