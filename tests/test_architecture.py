@@ -22,11 +22,13 @@ DOORS = {
     "rosbags": ("recorder/session/other_bags.py",),
     "numba": ("mapping/kernels/", "mapping/line_kernels/", "replay/rrd/value_log/kernels.py"),
     "rerun": ("replay/rrd/",),
+    "matplotlib": ("replay/pictures/drawing/",),
 }
 FOLDERS = (
     "recorder", "recorder/recording", "recorder/session", "mapping", "replay", "replay/rrd",
+    "replay/pictures",
 )  # fmt: skip
-HEAVY = ("numpy", "rerun", "mcap", "numba", "scipy", "pydantic", "rich", "serial")
+HEAVY = ("numpy", "rerun", "matplotlib", "mcap", "numba", "scipy", "pydantic", "rich", "serial")
 HELP = f"""
 import sys
 import echogrid

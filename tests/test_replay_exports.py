@@ -39,7 +39,7 @@ POINTS = np.array([[0.1, 1 / 3], [-2.0, 1e-7]])
 TIMES = np.array([1_700_000_000_000_000_001, 1_700_000_000_000_000_002])
 FILES = {
     "npz", "pgm", "yaml", "borders.json", "segments.geojson", "raw-segments.geojson", "points.csv",
-    "dxf", "svg", "png", "pgw",
+    "dxf", "svg", "png", "pgw", "picture.png",
 }  # fmt: skip
 
 

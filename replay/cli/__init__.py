@@ -6,6 +6,7 @@ from replay.cli.live import live
 from replay.cli.map import map_
 from replay.cli.picture import picture
 from replay.cli.replay import replay
+from replay.cli.score import score
 from replay.cli.view import view
 
-COMMANDS = (demo, diff, live, map_, picture, replay, view)
+COMMANDS = (demo, diff, live, map_, picture, replay, score, view)

@@ -8,13 +8,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from mapping.beams import Beam
-from replay.pictures.views import MapView
+from replay.pictures.views import CLASSES, MapView
 
 
 def caption_of(view: MapView) -> str:
     """A few sentences: which map, how far along, what the newest reading was, what was found."""
     rule = f", made by the rule {view.rule}" if view.rule else ""
     sentences = [f"The map {view.layer} {view.when}{rule}."]
+    if view.layer == CLASSES:
+        sentences = [
+            f"The classes {view.when}: where the sensors agree, where one alone has evidence, and "
+            "where they contradict each other."
+        ]
     if view.counted is not None:
         seen, occupied = view.counted.seen, view.counted.occupied
         sentences.append(f"{seen:,} cells were seen, {occupied:,} of them are rather occupied.")

@@ -12,7 +12,14 @@ from recorder.errors import BadInput
 from replay.diff.layers import never_seen, value_layer
 from replay.pictures.opening import Asked, check_reading, chosen_layer
 from replay.pictures.parts import Floats
-from replay.pictures.views import CLASSES, MapView, Overlaid, view_of_classes, view_of_grid
+from replay.pictures.views import (
+    CLASSES,
+    MapView,
+    Overlaid,
+    around_session,
+    view_of_classes,
+    view_of_grid,
+)
 from replay.rrd.reader import RrdRecording, Step, map_names, read_rrd
 
 _AFTER_READINGS = ("Snapshot", "Finished", "Classes", "Thresholded", "Border", "Segment")
@@ -44,6 +51,7 @@ def _view(recording: RrdRecording, file: str, asked: Asked) -> MapView:
     shown = [each for step, each in beams if step <= last.step]
     over = Overlaid(
         _lines_at(recording, name, last), recording.walls_m, _path(shown), beam,
+        around_session(_path([b for _, b in beams]), _clearest_points(beams), recording.walls_m),
         tuple(dict.fromkeys(each.sensor for _, each in beams)),
     )  # fmt: skip
     when = "at the end" if beam is None else f"at step {last.step:,}, reading {beam.number:,}"
@@ -108,6 +116,13 @@ def _beam_at(recording: RrdRecording, beams: list[tuple[int, Beam]], last: Step)
 def _path(beams: list[Beam]) -> Floats:
     points = [(beam.world_from_base.x_m, beam.world_from_base.y_m) for beam in beams]
     return np.array(points, np.float64).reshape(-1, 2)
+
+
+def _clearest_points(beams: list[tuple[int, Beam]]) -> Floats:
+    """The obstacle points of the narrowest beams, (N, 2), metres."""
+    least = min((beam.beam_width_rad for _, beam in beams), default=0.0)
+    found = [beam.points_m for _, beam in beams if beam.beam_width_rad == least]
+    return np.concatenate([np.zeros((0, 2)), *found])
 
 
 def _lines_at(recording: RrdRecording, layer: str, last: Step) -> Floats:

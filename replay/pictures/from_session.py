@@ -22,7 +22,7 @@ from mapping.pipeline import (
     started_run,
 )
 from mapping.placed_session import PlacedSession, place_session
-from mapping.readings import Readings
+from mapping.readings import Readings, raw_points
 from recorder.errors import BadInput
 from recorder.session.columns import open_session
 from recorder.truth import true_walls
@@ -30,7 +30,14 @@ from replay.collector import Collector
 from replay.mapping_run import cores
 from replay.pictures.opening import Asked, Progress, check_reading, chosen_layer
 from replay.pictures.parts import Floats
-from replay.pictures.views import CLASSES, MapView, Overlaid, view_of_classes, view_of_grid
+from replay.pictures.views import (
+    CLASSES,
+    MapView,
+    Overlaid,
+    around_session,
+    view_of_classes,
+    view_of_grid,
+)
 
 
 def view_of_session(
@@ -51,14 +58,16 @@ def view_of_session(
     name = chosen_layer(path, asked.view, layers, usual)
     total = len(readings)
     when = "at the end" if beam is None else f"after {upto:,} of {total:,} readings"
-    walls_m = true_walls(session.attachments)
+    known = true_walls(session.attachments)
+    walls_m = np.zeros((0, 2, 2)) if known is None else known
     lines = [
         (s.start_m, s.end_m) for s in results.segments if (s.layer, s.source) == (name, "grid")
     ]
     over = Overlaid(
         np.array(lines, np.float64).reshape(-1, 2, 2),
-        np.zeros((0, 2, 2)) if walls_m is None else walls_m,
-        path_of(readings[:upto]), beam, tuple(placed.sensors),
+        walls_m, path_of(readings[:upto]), beam,
+        around_session(path_of(readings), clearest_points(placed), walls_m),
+        tuple(placed.sensors),
     )  # fmt: skip
     if classes is not None and name == CLASSES:
         return view_of_classes(
@@ -80,6 +89,13 @@ def path_of(readings: Readings) -> Floats:
     moved[1:] = (np.diff(points, axis=0) != 0.0).any(axis=1)
     path: Floats = points[moved]
     return path
+
+
+def clearest_points(placed: PlacedSession) -> Floats:
+    """The obstacle points of the sensors with the narrowest beams, (N, 2), metres."""
+    found = raw_points(placed)
+    least = min(sensor.beam_width_rad for sensor, *_ in found)
+    return np.concatenate([points for s, points, *_ in found if s.beam_width_rad == least])
 
 
 def maps_of(

@@ -118,11 +118,18 @@ def _ground(svg: Any, paper: _Paper, layer: Layer | None) -> Iterator[Any]:
             at = box_of(layer.geometry, window)
             yield svg.Image(
                 at.x0, -at.y1, at.width_m, at.height_m, data=file.getvalue(),
-                mime_type="image/png", preserveAspectRatio="none",
+                mime_type="image/png", preserveAspectRatio="none", clip_path=_inside(svg, paper),
                 style="image-rendering: pixelated",
             )  # fmt: skip
     line = {"fill": "none", "stroke": _hex(style.PALE_INK), "stroke_width": 0.2 * paper.mm}
     yield svg.Rectangle(frame.x0, -frame.y1, frame.width_m, frame.height_m, **line)
+
+
+def _inside(svg: Any, paper: _Paper) -> Any:
+    """What lets only the frame be seen."""
+    frame, clip = paper.frame, svg.ClipPath()
+    clip.append(svg.Rectangle(frame.x0, -frame.y1, frame.width_m, frame.height_m))
+    return clip
 
 
 def _lines(
@@ -133,9 +140,7 @@ def _lines(
         corners = " ".join(f"{x:.6g},{-y:.6g}" for x, y in path.tolist())
         look = f'fill="none" stroke="{_hex(style.PATH)}" stroke-width="{0.35 * paper.mm:.6g}"'
         yield svg.Raw(f'<polyline points="{corners}" {look} />')
-    frame = paper.frame
-    inside = svg.ClipPath()
-    inside.append(svg.Rectangle(frame.x0, -frame.y1, frame.width_m, frame.height_m))
+    inside = _inside(svg, paper)
     for border in borders:
         outline = border.geometry.centres_of(border.cells)
         corners_m = [v for x, y in outline.tolist() for v in (x, -y)]

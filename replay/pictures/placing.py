@@ -20,6 +20,7 @@ Shape = Literal["cells", "line", "dashes", "dot", "area", "robot", "bar"]
 _INCH_PT = 72.0
 _KEY, _KEY_TEXT, _KEY_GAP = 0.30, 0.10, 0.30
 _SIDE = 2.2  # least width of a column of keys beside the map
+_LOWEST = 1.6  # height of a panel, however many rows there are
 _ROOM = 7.4  # height for all panels together, below which a page fits a slide
 
 
@@ -165,7 +166,7 @@ def place(page: Page, measure: Measure) -> Placed:
     right = max(each.x + each.width for each in panels) + style.GAP
     left_over = style.PAGE_WIDTH - style.MARGIN - right
     if rows == 1 and left_over >= _SIDE and keys:
-        signs, end = _keys_in_rows(keys, right, panels[0].y, left_over, scale, measure)
+        signs, end = _keys_in_rows(keys, right, panels[0].y, 0.0, scale, measure)
         y = max(y, end + 0.1)
     else:
         signs, y = _keys_in_rows(keys, style.MARGIN, y, inner, scale, measure)
@@ -199,7 +200,7 @@ def _grid_of(
         rows = math.ceil(len(panels) / columns)
         wide = (inner - columns * style.AXIS_LEFT - (columns - 1) * style.GAP) / columns
         other = style.AXIS_BELOW + style.PANEL_TITLE
-        tall = min(_ROOM / rows - other, style.TALLEST_PANEL) if rows < 4 else wide * ratio
+        tall = min(max(_ROOM / rows - other, _LOWEST), style.TALLEST_PANEL)
         width = min(wide, tall / ratio)
         if width >= best[2]:
             best = (columns, rows, width, width * ratio)

@@ -6,11 +6,17 @@ those of the recordings.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Final
 
-from replay.rrd import layout
+from replay import colours
 
 Colour = tuple[float, float, float]  # 0 to 1
+
+
+def sensor_colour(sensor: str, sensors: Sequence[str]) -> Colour:
+    """The colour of a sensor or layer among all of a session."""
+    return _plain(colours.sensor_colours([*sensors, sensor])[sensor])
 
 
 def _plain(colour: tuple[int, ...]) -> Colour:
@@ -20,17 +26,17 @@ def _plain(colour: tuple[int, ...]) -> Colour:
 
 INK: Final = _plain((30, 34, 44))
 PALE_INK: Final = _plain((100, 106, 120))
-FREE: Final = (1.0, 1.0, 1.0)
-OCCUPIED: Final = (0.0, 0.0, 0.0)
-NEVER_SEEN: Final = _plain(layout.NEVER_SEEN)
-FOUND_WALL: Final = _plain(layout.SEGMENT)
-RAW_LINE: Final = _plain(layout.RAW_SEGMENT)
-TRUE_WALL: Final = _plain(layout.WALL)
-BORDER: Final = _plain(layout.BORDER)
-PATH: Final = _plain(layout.PATH_COLOUR)
-ROBOT: Final = _plain(layout.ROBOT_COLOUR)
-MORE_OCCUPIED: Final = _plain(layout.MORE_OCCUPIED)
-MORE_FREE: Final = _plain(layout.MORE_FREE)
+FREE: Final = _plain(colours.FREE)
+OCCUPIED: Final = _plain(colours.OCCUPIED)
+NEVER_SEEN: Final = _plain(colours.NEVER_SEEN)
+FOUND_WALL: Final = _plain(colours.LINE)
+ABOVE_THRESHOLD: Final = _plain(colours.ABOVE_THRESHOLD)
+TRUE_WALL: Final = _plain(colours.TRUE_WALL)
+BORDER: Final = _plain(colours.BORDER)
+PATH: Final = _plain(colours.ROBOT)
+ROBOT: Final = _plain(colours.ROBOT)
+MORE_OCCUPIED: Final = _plain(colours.MORE_OCCUPIED)
+MORE_FREE: Final = _plain(colours.MORE_FREE)
 
 PAGE_WIDTH: Final = 10.0
 MOST_PAGE_HEIGHT: Final = 40.0

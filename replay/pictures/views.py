@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mapping.beams import Beam
 from mapping.grid import GridGeometry, Window
+from replay import colours
 from replay.pictures import style
 from replay.pictures.parts import (
     Area,
@@ -24,14 +25,13 @@ from replay.pictures.parts import (
     Swatch,
     Trail,
 )
-from replay.pictures.sensor_colours import sensor_colour
-from replay.rrd import layout
 from replay.rrd.pictures import beam_outline
 
 CLASSES = "classes"  # the view of them
 _AIR = 0.06  # around path and walls, of their longer side
 _LEAST_M = 0.5
-_OUTSIDE = 0.02  # of the length of all lines: so much of it may lie outside the frame on each side
+_OUTSIDE = 0.02  # of all lines or points: so much may lie outside the frame on each side
+_FEW_LINES = 40  # more are drawn thin, or they hide the map
 GREY_SWATCHES = (
     Swatch(style.FREE, "free"), Swatch(style.OCCUPIED, "occupied"),
     Swatch(style.NEVER_SEEN, "never seen"),
@@ -43,6 +43,7 @@ class Overlaid:
     """What lies over a map: ``found_m`` the lines found in it and ``walls_m`` the true ones,
     (K, 2, 2), ``path_m`` (N, 2) where the robot was until then, ``beam`` the reading shown.
 
+    ``around_m`` (M, 2) are the points that a picture of any moment shows, where they are known;
     ``sensors`` are all of the session, for their colours.
     """
 
@@ -50,6 +51,7 @@ class Overlaid:
     walls_m: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
     path_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
     beam: Beam | None = None
+    around_m: Floats | None = None
     sensors: tuple[str, ...] = ()
 
 
@@ -82,7 +84,10 @@ class MapView:
     @property
     def placed_frame(self) -> Box | None:
         """The frame around path and walls; None where it has neither."""
-        return frame_around(self.over.path_m, self.over.walls_m, self.over.found_m)
+        over = self.over
+        if over.around_m is not None:
+            return frame_around(over.around_m, over.walls_m, over.found_m[:0])
+        return frame_around(over.path_m, over.walls_m, over.found_m)
 
     @property
     def frame(self) -> Box:
@@ -115,11 +120,25 @@ def view_of_classes(
     file: str, when: str,
 ) -> MapView:  # fmt: skip
     """Where sensors agree and where they do not; of the classes only those that are there."""
-    table = np.array([layout.class_colour(name, k)[:3] for k, name in enumerate(names)], np.uint8)
+    table = class_colours(names)
     there = np.unique(codes).tolist()
     swatches = tuple(Swatch(tuple(table[k] / 255.0), names[k]) for k in there)
     cells = Cells(geometry, table[codes])
     return MapView(file, CLASSES, when, "", cells, swatches, over)
+
+
+def class_colours(names: Sequence[str]) -> NDArray[np.uint8]:
+    """A colour for each class, (classes, 3): a sensor alone has its own, pale where empty."""
+    alone = {name: name.partition(" alone ")[::2] for name in names if " alone " in name}
+    of_sensor = colours.sensor_colours(sensor for sensor, _ in alone.values())
+    table = {
+        "agree occupied": colours.OCCUPIED, "agree empty": colours.FREE,
+        "contradict": colours.CONTRADICTION,
+    }  # fmt: skip
+    for name, (sensor, state) in alone.items():
+        full = of_sensor[sensor]
+        table[name] = colours.pale(full) if state == "empty" else full
+    return np.array([table.get(name, colours.NEVER_SEEN) for name in names], np.uint8)
 
 
 def frame_around(path_m: Floats, walls_m: Floats, found_m: Floats) -> Box | None:
@@ -145,6 +164,17 @@ def box_of(geometry: GridGeometry, window: Window) -> Box:
     (x, y), size = geometry.origin_m, geometry.resolution_m
     x0, y0 = x + window.col0 * size, y + window.row0 * size
     return Box(x0, y0, x0 + window.cols * size, y0 + window.rows * size)
+
+
+def around_session(path_m: Floats, points_m: Floats, walls_m: Floats) -> Floats:
+    """What of a session a picture of any of its moments shows, (N, 2), metres.
+
+    The whole path, and where the true walls are not known nearly all obstacle points.
+    """
+    if len(walls_m) or not len(points_m):
+        return path_m
+    corners = np.quantile(points_m, [_OUTSIDE, 1.0 - _OUTSIDE], axis=0)
+    return np.vstack([path_m, corners])
 
 
 def _most_of(lines_m: Floats) -> Floats:
@@ -178,7 +208,8 @@ def panel_of(view: MapView, title: str = "", frame: Box | None = None) -> Panel:
         marks.append(Trail(over.path_m, style.PATH, 1.1, "path"))
     marks += beam_marks(over.beam, over.sensors)
     if len(over.found_m):
-        marks.append(Strokes(over.found_m, style.FOUND_WALL, 2.4, "walls found"))
+        width_pt = 2.4 if len(over.found_m) <= _FEW_LINES else 1.4
+        marks.append(Strokes(over.found_m, style.FOUND_WALL, width_pt, "walls found"))
     if len(over.walls_m):
         marks.append(Strokes(over.walls_m, style.TRUE_WALL, 1.0, "true walls"))
     if over.beam is not None:
@@ -190,7 +221,7 @@ def beam_marks(beam: Beam | None, sensors: Sequence[str]) -> list[Mark]:
     """The part of the map that a reading is evidence for, and its obstacle points."""
     if beam is None:
         return []
-    colour = sensor_colour(beam.sensor, sensors)
+    colour = style.sensor_colour(beam.sensor, sensors)
     outline, *axis = beam_outline(beam)
     marks: list[Mark] = [Area(outline, colour, f"beam of {beam.sensor}")]
     marks += [Trail(each, colour, 0.8) for each in axis]

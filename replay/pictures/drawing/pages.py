@@ -50,9 +50,15 @@ def page_bytes(page: Page, form: str) -> bytes:
         for key in placed.keys:
             _draw_key(figure, placed, key)
         file = io.BytesIO()
-        quick = {"pil_kwargs": {"compress_level": 4}} if form == "png" else {}
+        quick: dict[str, Any] = {"pil_kwargs": {"compress_level": 4}} if form == "png" else {}
         figure.savefig(file, format=form, metadata=_metadata(page, form), **quick)
         return file.getvalue()
+
+
+def measured_place(page: Page) -> Placed:
+    """Where everything of a page stands, with the widths that its texts come to."""
+    with _own_style():
+        return place(page, _measure(Figure()))
 
 
 @contextmanager
