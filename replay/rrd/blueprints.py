@@ -20,12 +20,14 @@ from replay.colours import in_place
 from replay.rrd import layout
 from replay.rrd.axes import Frame, frame_of, whole_frame
 from replay.rrd.display_layers import OF_ONE, OF_SEVERAL, TITLES, inks
+from replay.rrd.legend import classes_legend_view, legend_view
 
 Part: TypeAlias = rrb.View | rrb.Container
 
 MAPS, CHANGES, DISPLAYS = "Maps", "What changed", "Other ways to draw them"
 WIDE, MATTERS = "Wide shot", "The readings that matter"
 THRESHOLDS = "Thresholds side by side"
+LEGEND, MANUAL = "What the colours mean", "How to read it"
 RANGES = "Range of each reading, metres"
 
 _PERCENT = (-5.0, 105.0)  # of a belief, with a little air
@@ -47,7 +49,7 @@ def default_blueprint(
     happened last.
     """
     tabs = [*_tabs(started, displays), *_threshold_tab(started, thresholds)]
-    side = [_plots(probes), _papers(probes)]
+    side = [_plots(probes), _papers(probes, legend=started)]
     return _laid_out(tabs, side, [4, 3, 4], "following" if following else "paused")
 
 
@@ -105,7 +107,7 @@ def _tabs(started: Started, displays: Sequence[str]) -> list[Part]:
     tabs: list[Part] = [each(MAPS, frame)]
     if FUSED in layers and FUSED not in sensors:
         tabs.append(layer_view(FUSED, frame, displays, of=started))
-        tabs.append(_map_view(layout.CLASSES_TITLE, [f"{layout.CLASSES}/**"], frame))
+        tabs.append(_classes_tab(started, frame))
     tabs.append(each(CHANGES, frame, changes=True))
     if whole != frame:
         tabs.append(each(WIDE, whole))
@@ -114,6 +116,13 @@ def _tabs(started: Started, displays: Sequence[str]) -> list[Part]:
     if pictures:
         tabs.append(beside(DISPLAYS, pictures, frame))
     return tabs
+
+
+def _classes_tab(started: Started, frame: Frame) -> rrb.Container:
+    """The class map, and what its colours mean."""
+    title = layout.CLASSES_TITLE
+    classes = _map_view(title, [f"{layout.CLASSES}/**", layout.WALLS], frame)
+    return rrb.Vertical(classes, classes_legend_view(started), row_shares=[4, 1], name=title)
 
 
 def _threshold_tab(started: Started, thresholds: Sequence[float]) -> list[rrb.Container]:
@@ -156,21 +165,32 @@ def _whole_run() -> rr.TimeRange:
     return rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
 
 
-def _papers(probes: Sequence[str], config: str = "Configuration") -> rrb.Container:
+def _papers(
+    probes: Sequence[str], config: str = "Configuration", legend: Started | None = None
+) -> rrb.Container:
     """What can be read beside the maps; with watched cells, their stories before the rest."""
     stories: list[rrb.View] = []
     for number, name in enumerate(probes):
         stories.append(
             rrb.TextDocumentView(origin=layout.probe_story(number), name=f"Why is {name} so?")
         )
-        stories.append(rrb.TextLogView(origin=layout.probe_log(number), name=f"Readings at {name}"))
+        stories.append(_log(layout.probe_log(number), f"Readings at {name}"))
+    if legend is not None:
+        stories.append(legend_view(legend, LEGEND))
+        stories.append(_log(layout.MATTERS, MATTERS))
     return rrb.Tabs(
         *stories,
-        rrb.TextDocumentView(origin=layout.LEGEND, name="What the colours mean"),
+        rrb.TextDocumentView(origin=layout.MANUAL, name=MANUAL),
         rrb.TextDocumentView(origin=layout.CONFIG, name=config),
         rrb.TextLogView(origin=layout.NOTICE, name="Left out"),
         active_tab=0,
     )
+
+
+def _log(entity: str, name: str) -> rrb.TextLogView:
+    """A list of readings; a click on a line's step goes there."""
+    shown = rrb.TextLogColumns(timeline_columns=[layout.STEP], text_log_columns=["body"])
+    return rrb.TextLogView(origin=entity, name=name, columns=shown)
 
 
 def _display_views(started: Started, displays: Sequence[str], frame: Frame) -> list[rrb.View]:

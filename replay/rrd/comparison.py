@@ -28,7 +28,7 @@ from replay.rrd.thinning import Detail
 from replay.rrd.writer import RrdWriter
 
 _FEWEST_READINGS = 20  # between two looks at the file's size: each reading comes in every map
-_SHARED = (layout.EXPLANATION, layout.LEGEND, layout.CONFIG, layout.NOTICE)
+_SHARED = (layout.EXPLANATION, layout.MANUAL, layout.CONFIG, layout.NOTICE)
 
 
 class ComparisonDrawer:

@@ -21,12 +21,11 @@ from replay.colours import in_place
 from replay.rrd import columns, layout
 from replay.rrd.canvas import Canvas
 from replay.rrd.sink import Stamp
-from replay.tables import markdown_table
 
 LISTED = 20  # readings in the list, half of them for each reason
 _KEPT = 20_000  # readings that are held against the finished map; of more, every other one
 _MOVED = 0.1  # of probability: a cell that moved so far was moved
-_NAMED = 5  # readings that the text itself names
+_NAMED = 3  # readings that the text itself names
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,19 +150,19 @@ class OutcomeOverlay:
         through = Counter(e.read.beam.sensor for e in judged if e.how.kind == THROUGH)
         of = f" (of every {self._every} one held against it)" if self._every > 1 else ""
         head = (
-            f"**{len(judged):,} of {sum(total.values()):,} readings contradict the finished "
-            f"map**{of}: they saw something where it has nothing, or looked through its walls."
+            f"**{len(judged):,} of {sum(total.values()):,} readings contradict the finished map of "
+            f"their sensor**{of}: they saw something where it has nothing, or looked through its "
+            "walls."
         )
         if not judged:
             return f"No reading contradicts the finished map{of}."
-        rows = [
-            (name, f"{total[name]:,}", f"{bad[name] - through[name]:,}", f"{through[name]:,}")
+        of_each = "; ".join(
+            f"{name} {bad[name]:,} of {total[name]:,}, {through[name]:,} of them through a wall"
             for name in in_place(total)
-        ]
-        titles = ("sensor", "readings", "nothing there", "through a wall")
+        )
         worst = [each for each in judged if each.read.shown][:_NAMED]
         listed = [f"- step {each.read.stamp.step}: {_contradiction_text(each)}" for each in worst]
-        return "\n\n".join([head, markdown_table([titles, *rows]), "\n".join(listed)])
+        return "\n\n".join([f"{head} {of_each}.", "The worst:", "\n".join(listed)])
 
     def _next(self, judged: Sequence[Judged]) -> str:
         """Where to look now."""
@@ -180,7 +179,7 @@ class OutcomeOverlay:
         hints.append(
             f"*{layout.KEPT_TITLE}*: what the lines were fitted to, and the path, over the maps"
         )
-        return "What to look at next:\n\n" + "\n".join(f"- {hint}" for hint in hints)
+        return "**What to look at next**\n\n" + "\n".join(f"- {hint}" for hint in hints)
 
 
 def _contradiction_text(judged: Judged) -> str:

@@ -19,8 +19,9 @@ from replay.rrd import columns, layout, readings, scene
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.display_layers import DisplayOverlay
-from replay.rrd.explanation import describe, layer_of
+from replay.rrd.explanation import described, layer_of
 from replay.rrd.layers import Layers
+from replay.rrd.legend import LegendOverlay
 from replay.rrd.outcome import OutcomeOverlay
 from replay.rrd.prediction import PredictionOverlay
 from replay.rrd.probe import ProbeOverlay
@@ -148,7 +149,7 @@ class RunDrawer:
     def _record(self, artifact: Artifact, more: Sequence[str] = ()) -> None:
         """Describe the step in markdown, and list it for the reader."""
         if self._explain:
-            text = "\n\n".join([describe(artifact), *filter(None, more)])
+            text = described(artifact, [*filter(None, more)])
             self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
         record = columns.StepRecord(type(artifact).__name__, layer_of(artifact), self._layers.exact)
         self.canvas.add(layout.STEPS, columns.step_records, record)
@@ -161,7 +162,9 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
     """
     section, borders = config.rerun, config.borders
     prediction = PredictionOverlay(borders.threshold)
-    overlays: list[Overlay] = [prediction, OutcomeOverlay(prediction.predictor)]
+    overlays: list[Overlay] = [
+        prediction, OutcomeOverlay(prediction.predictor), LegendOverlay(),
+    ]  # fmt: skip
     if section.display:
         overlays.append(
             DisplayOverlay(

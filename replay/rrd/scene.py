@@ -17,7 +17,7 @@ from mapping.grid import GridGeometry
 from replay.rrd import layout
 from replay.rrd.axes import frame_of, set_up_axes, whole_frame
 from replay.rrd.columns import image_format
-from replay.rrd.explanation import LEGEND
+from replay.rrd.explanation import MANUAL
 from replay.rrd.layout import Colour, Place, Tiling
 from replay.rrd.pictures import Named, percent_names
 from replay.rrd.sink import Sink
@@ -59,7 +59,7 @@ def set_up_plane(sink: Sink) -> None:
 def set_up_texts(sink: Sink, config_text: str) -> None:
     """What stands beside the maps: the explanations to come, the legend, the configuration."""
     set_up_markdown(sink, layout.EXPLANATION)
-    sink.log(layout.LEGEND, rr.TextDocument(LEGEND, media_type=_MARKDOWN))
+    sink.log(layout.MANUAL, rr.TextDocument(MANUAL, media_type=_MARKDOWN))
     sink.log(layout.CONFIG, rr.TextDocument(config_text, media_type="text/plain"))
 
 
