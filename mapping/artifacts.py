@@ -192,6 +192,15 @@ class Started:
 
 
 @dataclass(frozen=True, slots=True)
+class DroppedReadings:
+    """When a sensor's readings were dropped for one reason, (N,) nanoseconds, in order."""
+
+    sensor: str
+    reason: str
+    t_ns: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
 class Finished:
     """The last artifact of a run: how many readings went in, and why the others did not."""
 
@@ -199,6 +208,7 @@ class Finished:
     used: Mapping[str, int]  # by sensor
     dropped: Mapping[str, int]  # by reason
     notes: tuple[str, ...] = ()  # what was taken otherwise than it came, or assumed
+    dropped_at: tuple[DroppedReadings, ...] = ()
 
 
 Artifact = (

@@ -114,7 +114,10 @@ class _LiveRun:
             raise BadInput(f"not one reading can be mapped: {why or 'there were none'}")
         yield from self._results(final=True)
         yield from raw_lines(self._readings, self._config)
-        yield Finished(self.placer.readings, dict(self.placer.used), self.placer.dropped)
+        placer = self.placer
+        yield Finished(
+            placer.readings, dict(placer.used), placer.dropped, dropped_at=placer.dropped_at
+        )
 
     def _results(self, *, final: bool) -> Iterator[Artifact]:
         grids = self._grids

@@ -72,7 +72,7 @@ def build_maps(
     yield from result_stages(sensors, maps, trail, config, final=True)
     yield from raw_lines(placed, config)
     counts = placed.counts
-    yield Finished(counts.readings, counts.used, counts.dropped, placed.notes)
+    yield Finished(counts.readings, counts.used, counts.dropped, placed.notes, counts.dropped_at)
 
 
 def stretches(placed: Iterable[Readings], every: int) -> Iterator[Readings]:

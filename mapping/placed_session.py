@@ -14,6 +14,7 @@ from typing import Protocol
 
 import numpy as np
 
+from mapping.artifacts import DroppedReadings
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import MotionGatherer, fixed_track
 from mapping.pending import first_readings
@@ -63,6 +64,7 @@ class Counts:
     dropped: dict[str, int]
     first_ns: int
     last_ns: int
+    dropped_at: tuple[DroppedReadings, ...] = ()
 
 
 class HasBlocks(Protocol):
@@ -157,7 +159,9 @@ class PlacedSession:
             text = f"not one reading can be mapped: {why} (found: {self._found})"
             raise BadInput("; ".join([text, *self._selection.notes]))
         used = dict(placer.used)
-        return Counts(placer.readings, used, dropped, times.first_ns, times.last_ns)
+        return Counts(
+            placer.readings, used, dropped, times.first_ns, times.last_ns, placer.dropped_at
+        )
 
 
 @dataclass(slots=True)

@@ -21,6 +21,7 @@ from replay.rrd import layout
 from replay.rrd.axes import Frame, frame_of, whole_frame
 from replay.rrd.display_layers import OF_ONE, OF_SEVERAL, TITLES, inks
 from replay.rrd.legend import classes_legend_view, legend_view
+from replay.rrd.range_plot import range_plot_view
 
 Part: TypeAlias = rrb.View | rrb.Container
 
@@ -28,7 +29,7 @@ MAPS, CHANGES, DISPLAYS = "Maps", "What changed", "Other ways to draw them"
 WIDE, MATTERS = "Wide shot", "The readings that matter"
 THRESHOLDS = "Thresholds side by side"
 LEGEND, MANUAL = "What the colours mean", "How to read it"
-RANGES = "Range of each reading, metres"
+RANGES, BY_STEP = "Ranges over seconds", "By step: click to go there"
 
 _PERCENT = (-5.0, 105.0)  # of a belief, with a little air
 _MAP_AREA = (1.4, 1.0)  # shape of the part of a usual window that the maps get
@@ -49,7 +50,7 @@ def default_blueprint(
     happened last.
     """
     tabs = [*_tabs(started, displays), *_threshold_tab(started, thresholds)]
-    side = [_plots(probes), _papers(probes, legend=started)]
+    side = [_plots(probes, started, following=following), _papers(probes, legend=started)]
     return _laid_out(tabs, side, [4, 3, 4], "following" if following else "paused")
 
 
@@ -138,8 +139,11 @@ def _threshold_tab(started: Started, thresholds: Sequence[float]) -> list[rrb.Co
     return [rrb.Grid(*views, grid_columns=len(thresholds), name=THRESHOLDS)]
 
 
-def _plots(probes: Sequence[str]) -> Part:
-    """Ranges over time; with watched cells, their beliefs before them."""
+def _plots(probes: Sequence[str], started: Started, *, following: bool) -> Part:
+    """Ranges over time; with watched cells, their beliefs before them.
+
+    The picture of the whole run is drawn at its end; who follows one gets the viewer's own plot.
+    """
     beliefs = [
         rrb.TimeSeriesView(
             origin=f"{layout.probe(number)}/belief", name=f"Belief in the cell at {name}",
@@ -149,14 +153,15 @@ def _plots(probes: Sequence[str]) -> Part:
         )
         for number, name in enumerate(probes)
     ]  # fmt: skip
-    ranges = _range_plot()
-    return rrb.Tabs(*beliefs, ranges, active_tab=0) if beliefs else ranges
+    whole = range_plot_view(started, RANGES)
+    plots = [_range_plot(), whole] if following else [whole, _range_plot()]
+    return rrb.Tabs(*beliefs, *plots, active_tab=0)
 
 
 def _range_plot(root: str = "") -> rrb.View:
     return rrb.TimeSeriesView(
-        origin=f"{root}{layout.RANGES}", name=RANGES,
-        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+        origin=f"{root}{layout.RANGES}", name=BY_STEP,
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightTop),
     )  # fmt: skip
 
 

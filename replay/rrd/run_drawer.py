@@ -25,10 +25,13 @@ from replay.rrd.legend import LegendOverlay
 from replay.rrd.outcome import OutcomeOverlay
 from replay.rrd.prediction import PredictionOverlay
 from replay.rrd.probe import ProbeOverlay
+from replay.rrd.range_plot import RangePlotOverlay
 from replay.rrd.results import Results
 from replay.rrd.sink import RowBuffer, Sink, Stamp
 from replay.rrd.thinning import Detail
 from replay.rrd.thresholds import ThresholdsOverlay
+
+_PLOTTED_A_MB = 60  # points of a sensor in the plot of ranges, for each megabyte that there is
 
 
 class Overlay(Protocol):
@@ -164,6 +167,7 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
     prediction = PredictionOverlay(borders.threshold)
     overlays: list[Overlay] = [
         prediction, OutcomeOverlay(prediction.predictor), LegendOverlay(),
+        RangePlotOverlay(prediction, most_points=max(round(_PLOTTED_A_MB * section.budget_mb), 20)),
     ]  # fmt: skip
     if section.display:
         overlays.append(
