@@ -26,7 +26,9 @@ from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.session import read_session
 from recorder.truth import true_walls
+from replay.colours import sensor_colours
 from replay.rrd import layout
+from replay.rrd.axes import frame_of
 from replay.rrd.blueprints import CHANGES, DISPLAYS
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.pictures import beam_outline
@@ -35,8 +37,8 @@ from replay.rrd.writer import run_writer
 
 WATCHED = (2.21, 0.21)  # on the right wall of the room
 SENSOR = "dirrs"  # narrow beams: its walls come out sharp
-SENSOR_COLOUR = layout.SENSORS[1]
-OVERLAYS = (layout.WALLS, layout.ROBOT, layout.PATH, layout.points(SENSOR))
+SENSOR_COLOUR = sensor_colours([SENSOR])[SENSOR]
+OVERLAYS = (layout.WALLS, layout.ROBOT, layout.PATH, layout.points(SENSOR), f"{layout.AXES}/frame")
 NEAR_WALL_M = 0.14  # at its reach of 0.8 m: the infrared's band (0.06), its error (0.04), two cells
 
 
@@ -120,10 +122,7 @@ def scale(shown: HeadlessViewer, artifacts: list[Artifact]) -> Scale:
     started = artifacts[0]
     assert isinstance(started, Started)
     shown.go_to(0)
-    hidden(shown, on=False)
-    found = Scale.of(near(shown.screenshot(SENSOR), layout.NEVER_SEEN), started.geometry)
-    hidden(shown, on=True)
-    return found
+    return Scale.of_view(shown.screenshot(SENSOR), frame_of(started), started.geometry)
 
 
 def steps_of(artifacts: list[Artifact], kind: type, sensor: str = SENSOR) -> list[int]:
@@ -332,8 +331,8 @@ class MapPage(Patiently):
         """The beam is drawn where it was; the robot's arrow lies over a part of it."""
         if self.never_seen(picture).mean() < 0.1:
             return False
-        colour = layout.SENSORS[0]  # the only sensor, so the first colour
-        return share_along(picture, self.scale(picture), outline_points(beam), colour) > 0.8
+        points = outline_points(beam)
+        return share_along(picture, self.scale(picture), points, SENSOR_COLOUR) > 0.8
 
 
 @pytest.mark.viewer

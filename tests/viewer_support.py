@@ -29,6 +29,7 @@ from PIL import Image
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
+from replay.rrd.axes import Frame
 from replay.rrd.headless import HeadlessViewer
 
 NEEDS_CHROMIUM = "no Chromium: sudo apt install chromium"
@@ -74,6 +75,22 @@ class Scale:
         rows, cols = np.nonzero(empty)
         width = cols.max() + 1 - cols.min()
         return cls(cols.min(), rows.max() + 1, width / geometry.size_m[0], geometry)
+
+    @classmethod
+    def of_view(cls, picture: Image.Image, frame: Frame, geometry: GridGeometry) -> Scale:
+        """By the part of the map that a view is to show: it fits in, and its middle is the middle.
+
+        The viewer's plane has y down, so what is shown runs from -y to -y.
+        """
+        (x0, x1), (y0, y1) = (
+            np.asarray(each.as_arrow_array().to_pylist()[0], float)
+            for each in (frame.bounds.x_range, frame.bounds.y_range)
+        )
+        px_per_m = min(picture.width / (x1 - x0), picture.height / (y1 - y0))
+        low = np.array(geometry.origin_m)
+        left = picture.width / 2 + (low[0] - (x0 + x1) / 2) * px_per_m
+        bottom = picture.height / 2 + (-low[1] - (y0 + y1) / 2) * px_per_m
+        return cls(left, bottom, px_per_m, geometry)
 
     def metres(self, mask: np.ndarray) -> np.ndarray:
         """Centres of a mask's pixels, (N, 2)."""

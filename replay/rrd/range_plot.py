@@ -244,10 +244,11 @@ class _Paper:
         present = {int(s) for states, _ in lanes.values() for s in np.unique(states)}
         shown = [state for state in _STATE_COLOURS if state in present]
         for number, state in enumerate(shown):
-            x = WIDTH * (number + 0.5) / max(len(shown), 3)
-            strips.append(np.array([[x - 0.15, y], [x + 0.15, y]]))
+            middle = np.array([WIDTH * (number + 0.5) / max(len(shown), 3), y])
+            half = np.array([0.15, 0.0])
+            strips.append(np.stack([middle - half, middle + half]))
             looks.append(_STATE_COLOURS[state])
-            places.append(np.array([x, y]))
+            places.append(middle)
             labels.append(STATES[state])
         entity = f"{layout.PLOT}/lanes"
         self._lines(entity, strips, looks, [_LANE / 2], layout.ORDER_WALLS)
