@@ -78,18 +78,11 @@ class Scale:
 
     @classmethod
     def of_view(cls, picture: Image.Image, frame: Frame, geometry: GridGeometry) -> Scale:
-        """By the part of the map that a view is to show: it fits in, and its middle is the middle.
-
-        The viewer's plane has y down, so what is shown runs from -y to -y.
-        """
-        (x0, x1), (y0, y1) = (
-            np.asarray(each.as_arrow_array().to_pylist()[0], float)
-            for each in (frame.bounds.x_range, frame.bounds.y_range)
-        )
+        """By the part of the map that a view is to show: it fits in, its middle is the middle."""
+        (x0, x1), (y0, y1) = frame.shown_m
         px_per_m = min(picture.width / (x1 - x0), picture.height / (y1 - y0))
-        low = np.array(geometry.origin_m)
-        left = picture.width / 2 + (low[0] - (x0 + x1) / 2) * px_per_m
-        bottom = picture.height / 2 + (-low[1] - (y0 + y1) / 2) * px_per_m
+        left = picture.width / 2 + (geometry.origin_m[0] - (x0 + x1) / 2) * px_per_m
+        bottom = picture.height / 2 + ((y0 + y1) / 2 - geometry.origin_m[1]) * px_per_m
         return cls(left, bottom, px_per_m, geometry)
 
     def metres(self, mask: np.ndarray) -> np.ndarray:

@@ -18,10 +18,11 @@ from replay.rrd.sink import Sink
 
 Floats = NDArray[np.float64]
 
+WHOLE = "whole"  # the name of the frame that shows all of a grid
 _INK = (236, 239, 246, 255)
 _AIR = 0.06  # of the longer side, around what must be seen
 _FOR_NUMBERS = 0.07  # of the longer side: room for the numbers of the ticks
-_TICK = 0.015  # of the longer side
+_TICK, _AXIS_OUT = 0.012, 0.008  # of the longer side
 _TICKS = 6  # about so many along the longer side
 _NO_DOT = -0.1  # the viewer writes a label only where it draws a dot
 
@@ -40,13 +41,17 @@ class Frame:
         return max(self.high_m[0] - self.low_m[0], self.high_m[1] - self.low_m[1])
 
     @property
-    def bounds(self) -> rrb.VisualBounds2D:
-        """What a view must show of the plane (y up: mirrored) to show it and its axes."""
+    def shown_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """From where to where in x and in y a view must reach to show it and its axes."""
         (x0, y0), (x1, y1) = self.low_m, self.high_m
         more = _FOR_NUMBERS * self.longer_m
-        return rrb.VisualBounds2D(
-            x_range=[x0 - more, x1 + more / 2], y_range=[-(y1 + more), -(y0 - more)]
-        )
+        return (x0 - more, x1 + more / 2), (y0 - more, y1 + more)
+
+    @property
+    def bounds(self) -> rrb.VisualBounds2D:
+        """The same in the viewer's plane, where y runs down."""
+        (x0, x1), (y0, y1) = self.shown_m
+        return rrb.VisualBounds2D(x_range=[x0, x1], y_range=[-y1, -y0])
 
     @property
     def entity(self) -> str:
@@ -58,7 +63,7 @@ def whole_frame(*geometries: GridGeometry) -> Frame:
     """All of some grids."""
     low = np.min([each.origin_m for each in geometries], axis=0)
     high = np.max([np.add(each.origin_m, each.size_m) for each in geometries], axis=0)
-    return Frame("whole", (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
+    return Frame(WHOLE, (float(low[0]), float(low[1])), (float(high[0]), float(high[1])))
 
 
 def frame_of(*started: Started) -> Frame:
@@ -94,15 +99,16 @@ def set_up_axes(sink: Sink, frame: Frame) -> None:
 
 def axes_of(frame: Frame) -> tuple[list[Floats], list[Floats], list[str]]:
     """Two axes with their ticks as strips, where each number stands, and the numbers."""
-    (x0, y0), (x1, y1) = frame.low_m, frame.high_m
+    (x1, y1), out = frame.high_m, _AXIS_OUT * frame.longer_m
+    x0, y0 = frame.low_m[0] - out, frame.low_m[1] - out
     tick, step = _TICK * frame.longer_m, nice_step(frame.longer_m / _TICKS)
     strips = [np.array([[x0, y1], [x0, y0], [x1, y0]])]
     places, numbers = [], []
-    for x in ticks(x0, x1, step):
+    for x in ticks(frame.low_m[0], x1, step):
         strips.append(np.array([[x, y0], [x, y0 - tick]]))
         places.append(np.array([x, y0 - tick]))
         numbers.append(f"{x:g}")
-    for y in ticks(y0, y1, step):
+    for y in ticks(frame.low_m[1], y1, step):
         strips.append(np.array([[x0 - tick, y], [x0, y]]))
         places.append(np.array([x0 - 2.5 * tick, y + tick]))
         numbers.append(f"{y:g}")

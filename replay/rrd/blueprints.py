@@ -18,7 +18,7 @@ from mapping.artifacts import Started
 from mapping.fusion import FUSED
 from replay.colours import in_place
 from replay.rrd import layout
-from replay.rrd.axes import Frame, frame_of, whole_frame
+from replay.rrd.axes import WHOLE, Frame, frame_of, whole_frame
 from replay.rrd.display_layers import OF_ONE, OF_SEVERAL, TITLES, inks
 from replay.rrd.legend import classes_legend_view, legend_view
 from replay.rrd.range_plot import range_plot_view
@@ -153,8 +153,7 @@ def _plots(probes: Sequence[str], started: Started, *, following: bool) -> Part:
         )
         for number, name in enumerate(probes)
     ]  # fmt: skip
-    whole = range_plot_view(started, RANGES)
-    plots = [_range_plot(), whole] if following else [whole, _range_plot()]
+    plots = [_range_plot()] if following else [range_plot_view(started, RANGES), _range_plot()]
     return rrb.Tabs(*beliefs, *plots, active_tab=0)
 
 
@@ -263,7 +262,9 @@ def layer_view(
     aside = [layout.KEPT_PATH, *map(layout.kept, of_layer)]
     patches = layout.temp(layer) if changes else layout.change(layer)
     hidden = [patches, *pictures, *([] if kept else aside)]
-    title = name or (f"{layer}: what changed" if changes else layer)
+    whole = ": whole grid" if frame.name == WHOLE and frame != frame_of(of) else ""
+    more = ": what changed" if changes else ": all that was drawn" if kept else whole
+    title = name or f"{layer}{more}"
     overrides = {f"{root}{entity}": rrb.EntityBehavior(visible=False) for entity in hidden}
     return _map_view(title, contents, frame, overrides, root=root)
 

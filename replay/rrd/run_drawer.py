@@ -184,3 +184,14 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
         probes=[name_of(probe) for probe in probes],
     )  # fmt: skip
     return RunDrawer(commented_toml(config), overlays=overlays, blueprint=blueprint)
+
+
+def live_drawer(config: MappingConfig) -> RunDrawer:
+    """The drawer of a run that goes on: in the colours and places of a finished one, at its end.
+
+    What looks at a run as a whole, or at maps in several ways, is left to the recording.
+    """
+    prediction = PredictionOverlay(config.borders.threshold)
+    overlays: list[Overlay] = [prediction, OutcomeOverlay(prediction.predictor), LegendOverlay()]
+    blueprint = functools.partial(default_blueprint, following=True)
+    return RunDrawer(commented_toml(config), overlays=overlays, blueprint=blueprint)
