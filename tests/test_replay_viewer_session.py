@@ -309,8 +309,13 @@ class MapPage(Patiently):
         self.geometry = geometry
 
     def never_seen(self, picture: Image.Image) -> np.ndarray:
-        """The pixels of the map that are of the colour of what was never seen."""
-        return near(picture, layout.NEVER_SEEN)
+        """The pixels of the map that are of the colour of what was never seen.
+
+        The maps have seven tenths of the page's width; the legend has a swatch of that colour, too.
+        """
+        found = near(picture, layout.NEVER_SEEN)
+        found[:, 7 * found.shape[1] // 10 :] = False
+        return found
 
     def scale(self, picture: Image.Image) -> Scale:
         """Of a picture whose map is never seen at its four sides."""

@@ -77,7 +77,7 @@ class OutcomeOverlay:
                 contradict = [i for i, name in enumerate(artifact.names) if name == "contradict"]
                 self._contradicting_cells = int(np.isin(artifact.codes, contradict).sum())
             case Finished():
-                return self._finish(canvas)
+                return self._finish(canvas, sum(artifact.used.values()))
         return ""
 
     def _keep(self, read: _Read) -> None:
@@ -98,7 +98,7 @@ class OutcomeOverlay:
         elif moved and entry[:2] > self._moved[0][:2]:
             heapq.heapreplace(self._moved, entry)
 
-    def _finish(self, canvas: Canvas) -> str:
+    def _finish(self, canvas: Canvas, used: int) -> str:
         judged = [
             Judged(read, how)
             for read in self._reads
@@ -106,7 +106,7 @@ class OutcomeOverlay:
         ]
         judged.sort(key=lambda each: -each.how.weight)
         self._list(canvas, judged)
-        parts = [self._walls(), self._contradictions(judged), self._next(judged)]
+        parts = [self._walls(), self._contradictions(judged, used), self._next(judged)]
         return "\n\n".join(filter(None, parts))
 
     def _list(self, canvas: Canvas, judged: Sequence[Judged]) -> None:
@@ -141,16 +141,17 @@ class OutcomeOverlay:
         ]
         return f"{text} In the other maps: {', '.join(others)}." if others else text
 
-    def _contradictions(self, judged: Sequence[Judged]) -> str:
+    def _contradictions(self, judged: Sequence[Judged], used: int) -> str:
         """How many readings the finished map contradicts, by sensor, and the worst of them."""
         total = Counter(read.beam.sensor for read in self._reads)
         if not total:
             return ""
         bad = Counter(each.read.beam.sensor for each in judged)
         through = Counter(e.read.beam.sensor for e in judged if e.how.kind == THROUGH)
-        of = f" (of every {self._every} one held against it)" if self._every > 1 else ""
+        held = sum(total.values())
+        of = f" ({held:,} of {used:,} were held against it)" if held < used else ""
         head = (
-            f"**{len(judged):,} of {sum(total.values()):,} readings contradict the finished map of "
+            f"**{len(judged):,} of {held:,} readings contradict the finished map of "
             f"their sensor**{of}: they saw something where it has nothing, or looked through its "
             "walls."
         )
