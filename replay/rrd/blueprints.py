@@ -8,6 +8,7 @@ the path and the walls; the whole grid is a tab of its own.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -32,24 +33,35 @@ LEGEND, MANUAL = "What the colours mean", "How to read it"
 RANGES, BY_STEP = "Ranges over seconds", "By step: click to go there"
 
 _PERCENT = (-5.0, 105.0)  # of a belief, with a little air
+_AROUND_CELLS, _AROUND_SHARE = 12, 0.06  # at least so far, each way, around a watched cell
 _MAP_AREA = (1.4, 1.0)  # shape of the part of a usual window that the maps get
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """A watched cell: its name, its place, and once known from which step to which it changed."""
+
+    name: str
+    at_m: tuple[float, float]
+    steps: tuple[int, int] | None = None
 
 
 def default_blueprint(
     started: Started,
     *,
-    probes: Sequence[str] = (),
+    probes: Sequence[Watched] = (),
     displays: Sequence[str] = (),
     following: bool = False,
     thresholds: Sequence[float] = (),
 ) -> rrb.Blueprint:
     """The layout for a grid and its layers.
 
-    ``probes`` are the names of the watched cells, ``displays`` the further ways in which the maps
-    are drawn. ``thresholds`` stand side by side in a tab. ``following`` stays at what
-    happened last.
+    Each of ``probes`` has a view of its surroundings, and a plot of its belief over the steps at
+    which that changed. ``displays`` are the further ways in which the maps are drawn.
+    ``thresholds`` stand side by side in a tab. ``following`` stays at what happened last.
     """
-    tabs = [*_tabs(started, displays), *_threshold_tab(started, thresholds)]
+    around = [_around(started, probe.at_m) for probe in probes]
+    tabs = [*_tabs(started, displays), *around, *_threshold_tab(started, thresholds)]
     side = [_plots(probes, started, following=following), _papers(probes, legend=started)]
     return _laid_out(tabs, side, [4, 3, 4], "following" if following else "paused")
 
@@ -119,6 +131,18 @@ def _tabs(started: Started, displays: Sequence[str]) -> list[Part]:
     return tabs
 
 
+def _around(started: Started, at_m: tuple[float, float]) -> Part:
+    """The maps of all sensors around a watched cell: where its readings change it."""
+    frame, (x, y) = frame_of(started), at_m
+    half = max(_AROUND_CELLS * started.geometry.resolution_m, frame.longer_m * _AROUND_SHARE)
+    near = Frame("", (x - half, y - half), (x + half, y + half))
+    views: list[rrb.View] = [
+        layer_view(layer, near, of=started, name=f"{layer} at ({x:g}, {y:g}) m")
+        for layer in in_place(started.layers)
+    ]
+    return beside(f"Around ({x:g}, {y:g}) m", views, near, named=True)
+
+
 def _classes_tab(started: Started, frame: Frame) -> rrb.Container:
     """The class map, and what its colours mean."""
     title = layout.CLASSES_TITLE
@@ -139,19 +163,19 @@ def _threshold_tab(started: Started, thresholds: Sequence[float]) -> list[rrb.Co
     return [rrb.Grid(*views, grid_columns=len(thresholds), name=THRESHOLDS)]
 
 
-def _plots(probes: Sequence[str], started: Started, *, following: bool) -> Part:
+def _plots(probes: Sequence[Watched], started: Started, *, following: bool) -> Part:
     """Ranges over time; with watched cells, their beliefs before them.
 
     The picture of the whole run is drawn at its end; who follows one gets the viewer's own plot.
     """
     beliefs = [
         rrb.TimeSeriesView(
-            origin=f"{layout.probe(number)}/belief", name=f"Belief in the cell at {name}",
-            axis_x=rrb.TimeAxis(view_range=_whole_run()),
+            origin=f"{layout.probe(number)}/belief", name=f"Belief in the cell at {probe.name}",
+            axis_x=rrb.TimeAxis(view_range=_steps(probe.steps)),
             axis_y=rrb.ScalarAxis(range=_PERCENT, zoom_lock=True),
             plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.RightBottom),
         )
-        for number, name in enumerate(probes)
+        for number, probe in enumerate(probes)
     ]  # fmt: skip
     plots = [_range_plot()] if following else [range_plot_view(started, RANGES), _range_plot()]
     return rrb.Tabs(*beliefs, *plots, active_tab=0)
@@ -164,17 +188,25 @@ def _range_plot(root: str = "") -> rrb.View:
     )  # fmt: skip
 
 
-def _whole_run() -> rr.TimeRange:
-    """From the first step to the last, on whichever timeline."""
-    return rr.TimeRange(start=rr.TimeRangeBoundary.infinite(), end=rr.TimeRangeBoundary.infinite())
+def _steps(steps: tuple[int, int] | None) -> rr.TimeRange:
+    """Some steps and a little before and after; the whole run where they are not known."""
+    boundary = rr.TimeRangeBoundary
+    if steps is None:
+        return rr.TimeRange(start=boundary.infinite(), end=boundary.infinite())
+    first, last = steps
+    more = max((last - first) // 20, 5)
+    return rr.TimeRange(
+        start=boundary.absolute(seq=max(first - more, 0)), end=boundary.absolute(seq=last + more)
+    )
 
 
 def _papers(
-    probes: Sequence[str], config: str = "Configuration", legend: Started | None = None
+    probes: Sequence[Watched], config: str = "Configuration", legend: Started | None = None
 ) -> rrb.Container:
     """What can be read beside the maps; with watched cells, their stories before the rest."""
     stories: list[rrb.View] = []
-    for number, name in enumerate(probes):
+    for number, probe in enumerate(probes):
+        name = probe.name
         stories.append(
             rrb.TextDocumentView(origin=layout.probe_story(number), name=f"Why is {name} so?")
         )
@@ -276,8 +308,8 @@ def _map_view(
     overrides: Mapping[str, rrb.EntityBehavior] | None = None,
     root: str = "",
 ) -> rrb.Spatial2DView:
-    axes = f"{frame.entity}/**"
+    axes = [f"{frame.entity}/**"] if frame.name else []
     return rrb.Spatial2DView(
-        origin="/", contents=[root + each for each in (layout.MAP, axes, *contents)], name=name,
+        origin="/", contents=[root + each for each in (layout.MAP, *axes, *contents)], name=name,
         visual_bounds=frame.bounds, overrides=overrides,
     )  # fmt: skip

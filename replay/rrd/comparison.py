@@ -46,6 +46,10 @@ class ComparisonDrawer:
         """The maps side by side. Raises TypeError for a moment that is not the start of all."""
         return comparison_blueprint(_starts(first))
 
+    def last_blueprint(self) -> rrb.Blueprint | None:
+        """The first one holds."""
+        return None
+
     def begin(self, sink: Sink, first: Moment) -> None:
         """Lay out the empty maps, each below its own root."""
         self._begun = _starts(first)

@@ -9,13 +9,23 @@ from __future__ import annotations
 import heapq
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from mapping.artifacts import Artifact, Classes, Finished, MergedGrid, Segment, Started
+from mapping.artifacts import (
+    Artifact,
+    Classes,
+    Finished,
+    MergedGrid,
+    Segment,
+    Snapshot,
+    Started,
+)
 from mapping.beams import Beam
+from mapping.fusion import FUSED
+from mapping.grid import Layer
 from mapping.prediction import THROUGH, Contradiction, RangePredictor
 from replay.colours import in_place
 from replay.rrd import columns, layout
@@ -48,8 +58,9 @@ class Judged:
 class OutcomeOverlay:
     """Follows a run beside its ``predictor``, which takes each artifact before it."""
 
-    def __init__(self, predictor: RangePredictor) -> None:
-        self._predictor = predictor
+    def __init__(self, predictor: RangePredictor, threshold: float) -> None:
+        self._predictor, self._threshold = predictor, threshold
+        self._maps: dict[str, Layer] = {}
         self._reads: list[_Read] = []
         self._every = 1
         self._moved: list[tuple[int, int, _Read]] = []  # a heap: the least is the first
@@ -72,6 +83,10 @@ class OutcomeOverlay:
                 self._note(artifact)
             case Segment():
                 self._lines.append(artifact)
+            case Snapshot():
+                self._maps[artifact.layer.name] = artifact.layer
+                if artifact.layer.name == FUSED:
+                    return lost_in_fusion(self._maps, artifact.rule, self._threshold)
             case Classes():
                 self._lines.clear()  # a stage begins anew
                 contradict = [i for i, name in enumerate(artifact.names) if name == "contradict"]
@@ -124,7 +139,7 @@ class OutcomeOverlay:
         if not self._lines:
             return "**No walls** were found: too few cells are above the threshold."
         of = Counter((line.layer, line.source) for line in self._lines)
-        shown = max(self._layers, key=lambda layer: (of[layer, "grid"] > 0, layer == "fused"))
+        shown = max(self._layers, key=lambda layer: (of[layer, "grid"] > 0, layer == FUSED))
         source = "grid" if of[shown, "grid"] else "raw"
         mine = [line for line in self._lines if (line.layer, line.source) == (shown, source)]
         if not mine:
@@ -181,6 +196,32 @@ class OutcomeOverlay:
             f"*{layout.KEPT_TITLE}*: what the lines were fitted to, and the path, over the maps"
         )
         return "**What to look at next**\n\n" + "\n".join(f"- {hint}" for hint in hints)
+
+
+def lost_in_fusion(maps: Mapping[str, Layer], rule: str, threshold: float) -> str:
+    """Which occupied cells of one layer the fused map does not hold as occupied, and why."""
+    fused, lines = maps[FUSED], []
+    for name in in_place(maps):
+        mine = maps[name]
+        lost = mine.observed & (mine.probability > threshold) & (fused.probability <= threshold)
+        total, count = int((mine.observed & (mine.probability > threshold)).sum()), int(lost.sum())
+        if name == FUSED or not count:
+            continue
+        against = {
+            other: int((lost & layer.observed & (layer.probability < 0.5)).sum())
+            for other, layer in maps.items() if other not in (name, FUSED)
+        }  # fmt: skip
+        other = max(against, key=lambda each: against[each])
+        why = f"{other} saw {against[other]:,} of them free"
+        how = (
+            "and its evidence there is the stronger: the log-odds of both are added"
+            if rule == "bayes"
+            else "and the weighted mean of both lies below the threshold"
+        )
+        lines.append(f"- **{count:,} of {total:,}** that {name} holds occupied: {why}, {how}.")
+    if not lines:
+        return ""
+    return "Occupied in one map, and not in the fused one:\n\n" + "\n".join(lines)
 
 
 def _contradiction_text(judged: Judged) -> str:

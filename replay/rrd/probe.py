@@ -28,6 +28,12 @@ class ProbeOverlay:
         self._layers: tuple[str, ...] = ()
         self._first = Stamp(0, 0, 0)
         self._plotted: set[str] = set()
+        self._changed: dict[int, tuple[int, int]] = {}
+
+    @property
+    def changed_steps(self) -> list[tuple[int, int] | None]:
+        """Of each probe the first and the last step so far that changed its cell."""
+        return [self._changed.get(number) for number in range(len(self._probes))]
 
     def start(self, canvas: Canvas, started: Started) -> None:
         """A mark on the map for each cell, and its story before the first reading."""
@@ -57,6 +63,9 @@ class ProbeOverlay:
         if not isinstance(artifact, Finished):
             layer = artifact.layer if isinstance(artifact, MergedGrid) else artifact.layer.name
             self._plot(canvas, number, probe, layer, new)
+        if any(touch.effect for touch in new):
+            step = canvas.stamp.step
+            self._changed[number] = self._changed.get(number, (step, step))[0], step
         if isinstance(artifact, Finished) or (shown and any(touch.effect for touch in new)):
             self._write(canvas, number, probe)
         if not new:

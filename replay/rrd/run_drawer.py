@@ -16,7 +16,7 @@ from mapping.probing import CellProbe
 from replay.colours import sensor_colours
 from replay.probe_text import name_of
 from replay.rrd import columns, layout, readings, scene
-from replay.rrd.blueprints import default_blueprint
+from replay.rrd.blueprints import Watched, default_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.display_layers import DisplayOverlay
 from replay.rrd.explanation import described, layer_of
@@ -59,8 +59,10 @@ class RunDrawer:
         *,
         overlays: Sequence[Overlay] = (),
         blueprint: Callable[[Started], rrb.Blueprint] = default_blueprint,
+        last_blueprint: Callable[[Started], rrb.Blueprint] | None = None,
         explain: bool = True,
     ) -> None:
+        self._last_blueprint = last_blueprint
         self._config_text, self._overlays, self._explain = config_text, tuple(overlays), explain
         self._blueprint = blueprint
 
@@ -69,6 +71,10 @@ class RunDrawer:
         if not isinstance(first, Started):
             raise TypeError(f"the first artifact is Started, not {type(first).__name__}")
         return self._blueprint(first)
+
+    def last_blueprint(self) -> rrb.Blueprint | None:
+        """How the viewer is laid out when all is known, where that is another way."""
+        return None if self._last_blueprint is None else self._last_blueprint(self._started)
 
     def begin(self, sink: Sink, first: Artifact) -> None:
         """Lay out the empty map, with every layer unseen."""
@@ -166,7 +172,7 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
     section, borders = config.rerun, config.borders
     prediction = PredictionOverlay(borders.threshold)
     overlays: list[Overlay] = [
-        prediction, OutcomeOverlay(prediction.predictor), LegendOverlay(),
+        prediction, OutcomeOverlay(prediction.predictor, config.borders.threshold), LegendOverlay(),
         RangePlotOverlay(prediction, most_points=max(round(_PLOTTED_A_MB * section.budget_mb), 20)),
     ]  # fmt: skip
     if section.display:
@@ -177,13 +183,23 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
         )
     if borders.compare:
         overlays.append(ThresholdsOverlay(borders))
+    watching = ProbeOverlay(probes)
     if probes:
-        overlays.append(ProbeOverlay(probes))
-    blueprint = functools.partial(
-        default_blueprint, displays=section.display, thresholds=borders.compare,
-        probes=[name_of(probe) for probe in probes],
+        overlays.append(watching)
+
+    def blueprint(started: Started) -> rrb.Blueprint:
+        watched = [
+            Watched(name_of(probe), probe.at_m, steps)
+            for probe, steps in zip(probes, watching.changed_steps, strict=True)
+        ]
+        return default_blueprint(
+            started, displays=section.display, thresholds=borders.compare, probes=watched
+        )
+
+    return RunDrawer(
+        commented_toml(config), overlays=overlays, blueprint=blueprint,
+        last_blueprint=blueprint if probes else None,
     )  # fmt: skip
-    return RunDrawer(commented_toml(config), overlays=overlays, blueprint=blueprint)
 
 
 def live_drawer(config: MappingConfig) -> RunDrawer:
@@ -192,6 +208,10 @@ def live_drawer(config: MappingConfig) -> RunDrawer:
     What looks at a run as a whole, or at maps in several ways, is left to the recording.
     """
     prediction = PredictionOverlay(config.borders.threshold)
-    overlays: list[Overlay] = [prediction, OutcomeOverlay(prediction.predictor), LegendOverlay()]
+    overlays: list[Overlay] = [
+        prediction,
+        OutcomeOverlay(prediction.predictor, config.borders.threshold),
+        LegendOverlay(),
+    ]
     blueprint = functools.partial(default_blueprint, following=True)
     return RunDrawer(commented_toml(config), overlays=overlays, blueprint=blueprint)
