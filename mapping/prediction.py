@@ -17,7 +17,7 @@ from mapping.grid import GridGeometry
 
 SHORT, THROUGH = "short", "through"
 _LEAST_GAP_M, _LEAST_GAP_SHARE = 0.10, 0.15  # of the range: what is less is no contradiction
-_LEAST_AXES_SHARE = 0.2  # of a scan's axes: fewer that contradict the map are not the scan's fault
+_LEAST_AXES_SHARE = 0.33  # of a scan's axes: fewer that contradict the map are not the scan's fault
 
 
 @dataclass(frozen=True, slots=True)

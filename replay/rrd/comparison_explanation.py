@@ -201,7 +201,7 @@ def _snapshots(snapshots: Mapping[str, Snapshot]) -> str:
 
 
 def _finished(moment: Moment, known: Compared) -> str:
-    """A table for each tab, since any may be in front; the layer that stands for all comes first."""
+    """A table for each tab, since any may be in front; the last layer that all have comes first."""
     finals = {name: some for name, some in known.finals.items() if some}
     parts = []
     if finals:

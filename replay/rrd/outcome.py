@@ -77,6 +77,7 @@ class OutcomeOverlay:
         """Note one artifact; at the end write the list, and return what came out."""
         match artifact:
             case Beam():
+                self._lines.clear()  # those of a stage before it
                 self._newest = _Read(canvas.stamp, artifact, shown)
                 self._keep(self._newest)
             case MergedGrid():
@@ -88,7 +89,6 @@ class OutcomeOverlay:
                 if artifact.layer.name == FUSED:
                     return lost_in_fusion(self._maps, artifact.rule, self._threshold)
             case Classes():
-                self._lines.clear()  # a stage begins anew
                 contradict = [i for i, name in enumerate(artifact.names) if name == "contradict"]
                 self._contradicting_cells = int(np.isin(artifact.codes, contradict).sum())
             case Finished():
