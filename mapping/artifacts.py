@@ -208,7 +208,7 @@ class Finished:
     used: Mapping[str, int]  # by sensor
     dropped: Mapping[str, int]  # by reason
     notes: tuple[str, ...] = ()  # what was taken otherwise than it came, or assumed
-    dropped_at: tuple[DroppedReadings, ...] = ()
+    dropped_at: tuple[DroppedReadings, ...] = field(default=(), compare=False)
 
 
 Artifact = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -64,7 +64,7 @@ class Counts:
     dropped: dict[str, int]
     first_ns: int
     last_ns: int
-    dropped_at: tuple[DroppedReadings, ...] = ()
+    dropped_at: tuple[DroppedReadings, ...] = field(default=(), compare=False)
 
 
 class HasBlocks(Protocol):
