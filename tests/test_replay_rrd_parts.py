@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from mapping.update_rules import UPDATE_RULES, UpdateRule
 from mapping.update_rules.rules import Cells
 from mapping.update_rules.state import start
 from replay.rrd import layout
+from replay.rrd.background import Background, done
 from replay.rrd.pictures import (
     SLACK,
     STRENGTHS,
@@ -44,7 +46,7 @@ def test_tiles_cover_every_cell_once_and_are_few(rows: int, cols: int) -> None:
 
 
 @pytest.mark.parametrize(("rows", "cols", "side", "results"), [
-    (400, 600, 100, 600), (777, 1231, 95, 1024), (4000, 4000, 200, 1024), (9, 7, 9, 9),
+    (400, 600, 75, 600), (777, 1231, 77, 1024), (4000, 4000, 160, 1024), (9, 7, 9, 9),
 ])  # fmt: skip
 def test_tiles_are_small_and_even(rows: int, cols: int, side: int, results: int) -> None:
     """Larger ones than of 250 cells do not compress: the version before is too far back."""
@@ -282,3 +284,34 @@ def test_a_rule_of_ones_own_may_start_anywhere(monkeypatch: pytest.MonkeyPatch) 
     assert state.begin("doubt", "sceptic")
     assert (state.values == 0.5).all()
     assert state.exact
+
+
+def test_background_work_is_done_in_order_and_its_errors_come_back() -> None:
+    background, order = Background(), []
+    for number in range(200):
+        background.do(order.append, number)
+    background.wait()
+    assert order == list(range(200))
+    background.do(int, "no number")
+    with pytest.raises(ValueError, match="no number"):
+        background.wait()
+    assert background.do(len, "abc").result() == 3
+    assert done("here").result() == "here"
+
+
+def test_background_work_does_not_pile_up() -> None:
+    background, gate, behind = Background(), threading.Event(), []
+    threading.Timer(0.2, gate.set).start()
+    started = 0
+
+    def wait() -> None:
+        nonlocal started
+        started += 1
+        gate.wait()
+
+    for number in range(100):
+        background.do(wait)
+        behind.append(number + 1 - started)
+    assert max(behind) <= 66
+    background.wait()
+    assert started == 100

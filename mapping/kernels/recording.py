@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def take(
     all_cells: NDArray[Any], cells: NDArray[Any], row0: int, col0: int, side: int,
     tile_differs: Flags,
@@ -39,7 +39,7 @@ def take(
             start = end
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def shade(
     probability: Singles, observed: Flags, shades: Bytes, drawn: Bytes, row0: int, col0: int,
     side: int, unseen: int, slack: float, tile_is_off: Flags,
@@ -62,7 +62,7 @@ def shade(
                 tile_is_off[tile_row, (col0 + col) // side] = True
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any]) -> Bytes:
     """How many edges a difference (N,) reaches, as many more where it is positive; else 0.
 
@@ -79,7 +79,7 @@ def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any
     return classes
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def packed_rows(classes: Bytes, side: int) -> Bytes:
     """Numbers below 16 (rows, cols) as the rows of a PNG of ``side`` cells: two in a byte.
 
@@ -95,7 +95,7 @@ def packed_rows(classes: Bytes, side: int) -> Bytes:
     return packed
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def evidence_of(
     probability: Floats, free: Flags, band: Flags
 ) -> tuple[int, float, int, float]:  # fmt: skip
@@ -114,7 +114,7 @@ def evidence_of(
     return in_band, most, in_front, least
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def changes_of(before: Singles, after: Singles) -> tuple[int, int, int, int, int, int]:
     """How many cells (N,) changed, became more occupied, more free; which changed most, the first.
 

@@ -15,6 +15,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.artifacts import MergedGrid, TempGrid
 from mapping.beams import Beam
 from replay.rrd import layout
 
@@ -25,7 +26,7 @@ SLACK = 3.0  # points by which a cell may be drawn off between whole maps
 STRENGTHS = (0.0, 0.002, 0.01, 0.03, 0.1, 0.2)
 _LEVELS = len(STRENGTHS)
 _PNG, _BITS, _INDEXED = b"\x89PNG\r\n\x1a\n", 4, 3
-_PNG_LEVEL = 3
+_PNG_LEVEL = 6
 
 Named = tuple[int, str, layout.Colour]
 
@@ -55,10 +56,10 @@ def strength_classes(
 
     0 where it is not ``marked``; 1 to 6 more free, 7 to 12 more occupied, each by rising strength.
     """
-    from mapping.kernels import recording
+    from mapping.kernels import loops
 
     edges = np.array(STRENGTHS, difference.dtype)
-    flat = recording.strength_classes(difference.ravel(), marked.ravel(), edges)
+    flat = loops.strength_classes(difference.ravel(), marked.ravel(), edges)
     classes: NDArray[np.uint8] = flat.reshape(difference.shape)
     return classes
 
@@ -77,6 +78,17 @@ def strength_names() -> list[Named]:
             alpha = 170 + 70 * level // (_LEVELS - 1)
             named.append((first + level, text, (*colour[:3], alpha)))
     return named
+
+
+def evidence_png(temp: TempGrid, side: int) -> bytes:
+    """The picture of a reading's evidence; see :func:`strength_png`."""
+    return strength_png(strength_classes(temp.probability - 0.5, temp.band | temp.free), side)
+
+
+def change_png(merged: MergedGrid, side: int) -> bytes:
+    """The picture of what a reading changed; see :func:`strength_png`."""
+    difference = merged.probability - merged.previous
+    return strength_png(strength_classes(difference, difference != 0), side)
 
 
 def strength_png(classes: NDArray[np.uint8], side: int) -> bytes:
@@ -125,8 +137,11 @@ def beam_outline(beam: Beam) -> list[NDArray[np.float64]]:
 
 @functools.lru_cache(maxsize=64)
 def _arc(low_rad: float, high_rad: float) -> NDArray[np.float64]:
-    """Unit vectors (N, 2) from one direction to another, close enough to look round."""
-    steps = max(2, math.ceil(math.degrees(high_rad - low_rad) / 3) + 1)
+    """Unit vectors (N, 2) from one direction to another, close enough to look round.
+
+    Between two of them the line lies less than a seven-hundredth of the range inside the arc.
+    """
+    steps = max(2, math.ceil(math.degrees(high_rad - low_rad) / 6) + 1)
     return _polar(np.ones(steps), np.linspace(low_rad, high_rad, steps))
 
 

@@ -15,7 +15,7 @@ from mapping.config_text import commented_toml
 from mapping.probing import CellProbe
 from replay.colours import sensor_colours
 from replay.probe_text import name_of
-from replay.rrd import columns, layout, readings, scene
+from replay.rrd import columns, layout, properties, readings, scene
 from replay.rrd.blueprints import Watched, default_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.display_layers import DisplayOverlay
@@ -28,6 +28,7 @@ from replay.rrd.probe import ProbeOverlay
 from replay.rrd.range_plot import RangePlotOverlay
 from replay.rrd.results import Results
 from replay.rrd.sink import RowBuffer, Sink, Stamp
+from replay.rrd.steps import StepList
 from replay.rrd.thinning import Detail
 from replay.rrd.thresholds import ThresholdsOverlay
 
@@ -84,9 +85,11 @@ class RunDrawer:
         found = sensor_colours(first.layers, layer_of)
         colours = {name: layout.opaque(colour) for name, colour in found.items()}
         self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns), colours)
-        self._layers = Layers(self.canvas)
+        self._steps = StepList(self.canvas.rows)
+        self._layers = Layers(self.canvas, first.layers)
         self._results = Results(self.canvas, self._layers)
         scene.set_up(sink, first, self._config_text)
+        properties.note_start(sink, first, self._config_text)
         for name in first.layers:
             self._layers.set_up(name)
         for overlay in self._overlays:
@@ -125,6 +128,7 @@ class RunDrawer:
             case Finished():
                 self._results.finish(readings.draw_end(canvas))
                 texts.append(detail.left_out)
+                properties.note_end(canvas.sink, artifact)
             case _:
                 canvas.wipe()
                 self._results.draw(artifact)
@@ -160,8 +164,8 @@ class RunDrawer:
         if self._explain:
             text = described(artifact, [*filter(None, more)])
             self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
-        record = columns.StepRecord(type(artifact).__name__, layer_of(artifact), self._layers.exact)
-        self.canvas.add(layout.STEPS, columns.step_records, record)
+        kind, stamp = type(artifact).__name__, self.canvas.stamp
+        self._steps.add(stamp, kind, layer_of(artifact), self._layers.exact)
 
 
 def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -> RunDrawer:
