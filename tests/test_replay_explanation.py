@@ -128,7 +128,7 @@ def test_a_segment_states_its_line() -> None:
 def test_the_rest_state_their_numbers(artifacts: list[Artifact]) -> None:
     started = describe(artifacts[0])
     assert "120 × 90 cells of 0.02 m: 2.4 m wide, 1.8 m high" in started
-    assert "**ping, dirrs, fused**" in started
+    assert "3 maps come about: **ping** (orange); **dirrs** (violet); **fused**" in started
     assert "The 4 true walls" in started
     for artifact in artifacts:
         text = describe(artifact)
