@@ -45,7 +45,7 @@ class Frame:
         """From where to where in x and in y a view must reach to show it and its axes."""
         (x0, y0), (x1, y1) = self.low_m, self.high_m
         more = _FOR_NUMBERS * self.longer_m
-        return (x0 - more, x1 + more / 2), (y0 - more, y1 + more)
+        return (x0 - more, x1 + more / 2), (y0 - more, y1 + 1.2 * more)
 
     @property
     def bounds(self) -> rrb.VisualBounds2D:
@@ -118,7 +118,7 @@ def axes_of(frame: Frame) -> tuple[list[Floats], list[Floats], list[str]]:
 def bar_of(frame: Frame) -> tuple[Floats, float]:
     """A bar (2, 2) above the right corner, and its length: a round number of metres."""
     length_m = nice_step(frame.longer_m / 5)
-    y = frame.high_m[1] + _FOR_NUMBERS * frame.longer_m / 2
+    y = frame.shown_m[1][1] - _TICK * frame.longer_m / 2
     return np.array([[frame.high_m[0] - length_m, y], [frame.high_m[0], y]]), length_m
 
 

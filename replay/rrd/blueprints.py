@@ -33,6 +33,7 @@ LEGEND, MANUAL = "What the colours mean", "How to read it"
 RANGES, BY_STEP = "Ranges over seconds", "By step: click to go there"
 
 _PERCENT = (-5.0, 105.0)  # of a belief, with a little air
+_BACKGROUND = (13, 13, 13)  # as the viewer's own, unless the browser asks for a light one
 _AROUND_CELLS, _AROUND_SHARE = 12, 0.06  # at least so far, each way, around a watched cell
 _MAP_AREA = (1.4, 1.0)  # shape of the part of a usual window that the maps get
 
@@ -311,5 +312,5 @@ def _map_view(
     axes = [f"{frame.entity}/**"] if frame.name else []
     return rrb.Spatial2DView(
         origin="/", contents=[root + each for each in (layout.MAP, *axes, *contents)], name=name,
-        visual_bounds=frame.bounds, overrides=overrides,
+        visual_bounds=frame.bounds, overrides=overrides, background=_BACKGROUND,
     )  # fmt: skip
