@@ -146,10 +146,7 @@ class RangePlotOverlay:
                 inside = (seconds >= 0) & (seconds <= self._last_s)
                 state = _OF_REASON.get(each.reason, DROPPED)
                 add(each.sensor, seconds[inside], np.full(int(inside.sum()), state))
-        return {
-            name: np.where(count.any(axis=1), count.argmax(axis=1), -1)
-            for name, count in counts.items()
-        }
+        return {name: _filled(count) for name, count in counts.items()}
 
 
 def range_plot_view(started: Started, name: str) -> rrb.Spatial2DView:
@@ -162,6 +159,15 @@ def range_plot_view(started: Started, name: str) -> rrb.Spatial2DView:
             y_range=[-_ABOVE, HEIGHT + _NUMBERS + _LANE_GAP * lanes + 0.25],
         ),
     )  # fmt: skip
+
+
+def _filled(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The commonest state of each bin, (bins,); it lasts until about the next reading is due."""
+    any_read = counts.any(axis=1)
+    lasts = max(-(-2 * _BINS // max(int(counts.sum()), 1)), 1)
+    newest = np.maximum.accumulate(np.where(any_read, np.arange(_BINS), -_BINS))
+    known = np.arange(_BINS) - newest <= lasts
+    return np.where(known, counts.argmax(axis=1)[np.maximum(newest, 0)], -1)
 
 
 def _largest(curves: Iterable[_Curve]) -> float:
