@@ -100,7 +100,7 @@ def test_the_list_lies_at_the_readings_and_the_text_names_the_walls(
     for step, (text,) in listed:
         beam = artifacts[step]
         assert isinstance(beam, Beam)
-        assert text.startswith(f"reading {beam.number}, {beam.sensor}")
+        assert text.startswith(f"step {step}: reading {beam.number}, {beam.sensor}")
     text = at_the_end(path, layout.EXPLANATION, "TextDocument:text")[0]
     walls = [a for a in artifacts if isinstance(a, Segment) and a.layer == FUSED]
     longest = max(wall.length_m for wall in walls)

@@ -62,7 +62,8 @@ def default_blueprint(
     ``thresholds`` stand side by side in a tab. ``following`` stays at what happened last.
     """
     around = [_around(started, probe.at_m) for probe in probes]
-    tabs = [*_tabs(started, displays), *around, *_threshold_tab(started, thresholds)]
+    maps, *others = _tabs(started, displays)
+    tabs = [maps, *around, *others, *_threshold_tab(started, thresholds)]
     side = [_plots(probes, started, following=following), _papers(probes, legend=started)]
     return _laid_out(tabs, side, [4, 3, 4], "following" if following else "paused")
 

@@ -35,7 +35,7 @@ OF_SEVERAL = ("two-colours", "three-colours")
 TITLES = {
     "grey": "full colour depth",
     "reduced": "reduced colour depth",
-    "odds": "odds against the largest",
+    "odds": "odds against the largest (white: far less)",
     "two-colours": "two sensors, each in its ink",
     "three-colours": "each in its ink, and green where both",
 }

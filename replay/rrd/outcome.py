@@ -131,7 +131,8 @@ class OutcomeOverlay:
         lines += [
             (read.stamp, (_moved_text(read.beam, moved), "INFO")) for moved, _, read in movers
         ]
-        for stamp, line in sorted(lines, key=lambda each: each[0].step):
+        for stamp, (text, level) in sorted(lines, key=lambda each: each[0].step):
+            line = f"step {stamp.step}: {text}", level  # the viewer's own column is often too thin
             canvas.rows.add(layout.MATTERS, columns.log_lines, stamp, line, len(line[0]))
 
     def _walls(self) -> str:

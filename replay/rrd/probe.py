@@ -16,6 +16,7 @@ from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.sink import Sink, Stamp
 
+_CHANGED = 0.01  # of probability: what is less is not to be seen in the plot
 _HAIR_SHARE = 0.03  # of the grid's diagonal: the four strokes that point at the cell
 
 
@@ -63,7 +64,7 @@ class ProbeOverlay:
         if not isinstance(artifact, Finished):
             layer = artifact.layer if isinstance(artifact, MergedGrid) else artifact.layer.name
             self._plot(canvas, number, probe, layer, new)
-        if any(touch.effect for touch in new):
+        if any(abs(touch.effect) > _CHANGED for touch in new):
             step = canvas.stamp.step
             self._changed[number] = self._changed.get(number, (step, step))[0], step
         if isinstance(artifact, Finished) or (shown and any(touch.effect for touch in new)):
