@@ -108,11 +108,12 @@ def show(
     *,
     width: int | str = "auto",
     height: int | str = 720,
+    session: str | os.PathLike[str] | None = None,
 ) -> Any:
     """A recording, or what a run came to, as a notebook widget: see ``replay.rrd.notebook``."""
     from replay.rrd.notebook import show as show_in_notebook
 
-    return show_in_notebook(run, width=width, height=height)
+    return show_in_notebook(run, width=width, height=height, session=session)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

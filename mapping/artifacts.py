@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapping.beams import Beam
 from mapping.grid import GridGeometry, Layer, Window
+from mapping.parameters import Sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +176,11 @@ class LineStage:
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """The first artifact of a run: the grid, the layers and the walls, where they are known."""
+    """The first artifact of a run: the grid, the layers and the walls, where they are known.
+
+    ``frame_m`` (2, 2) are the corners (low, high) of the part worth looking at, as far as it is
+    known: the path and what was measured, without the few readings that went astray.
+    """
 
     geometry: GridGeometry
     layers: tuple[str, ...]
@@ -183,6 +188,17 @@ class Started:
     first_t_ns: int
     last_t_ns: int
     beam_widths_rad: Mapping[str, float] = field(default_factory=dict)  # by layer
+    sensors: tuple[Sensor, ...] = ()
+    frame_m: NDArray[np.float64] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DroppedReadings:
+    """When a sensor's readings were dropped for one reason, (N,) nanoseconds, in order."""
+
+    sensor: str
+    reason: str
+    t_ns: NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +209,7 @@ class Finished:
     used: Mapping[str, int]  # by sensor
     dropped: Mapping[str, int]  # by reason
     notes: tuple[str, ...] = ()  # what was taken otherwise than it came, or assumed
+    dropped_at: tuple[DroppedReadings, ...] = field(default=(), compare=False)
 
 
 Artifact = (

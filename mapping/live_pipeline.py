@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Finished
 from mapping.config import MappingConfig
+from mapping.framing import frame_of
 from mapping.grid import GridGeometry, geometry_for
 from mapping.layer_map import LayerMap, empty_maps
 from mapping.parameters import Sensor
@@ -114,7 +115,10 @@ class _LiveRun:
         raw = list(raw_lines(self._readings, self._config))
         yield from self._results(final=True, raw=raw)
         yield from raw
-        yield Finished(self.placer.readings, dict(self.placer.used), self.placer.dropped)
+        placer = self.placer
+        yield Finished(
+            placer.readings, dict(placer.used), placer.dropped, dropped_at=placer.dropped_at
+        )
 
     def _results(self, *, final: bool, raw: Sequence[Artifact] = ()) -> Iterator[Artifact]:
         grids = self._grids
@@ -139,7 +143,8 @@ class _LiveRun:
         maps = empty_maps(sensors, geometry, self._config.grid)
         grids = _Grids(sensors, geometry, maps, Trail(geometry))
         self._grids = grids
-        yield started_run(sensors, self._counts(), geometry, self._walls_m)
+        frame_m = frame_of(self._readings, self._walls_m)
+        yield started_run(sensors, self._counts(), geometry, self._walls_m, frame_m)
         for readings in stretches(self._readings, 0):
             yield from merge(readings, grids.maps, watched=False)
             grids.trail.take(readings)

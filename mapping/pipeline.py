@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mapping.artifacts import Artifact, Finished, RawPoints, Segment, Snapshot, Started
 from mapping.borders import find_borders, threshold_layer, tracer_steps
 from mapping.config import MappingConfig
+from mapping.framing import frame_of
 from mapping.fusion import FUSED, classify, fuse
 from mapping.grid import GridGeometry, Layer, check_size, geometry_for
 from mapping.layer_map import LayerMap, empty_maps
@@ -61,7 +62,8 @@ def build_maps(
     total, sensors = sum(placed.counts.used.values()), placed.placement.sensors
     geometry = geometry_of(placed, config)
     maps, trail = empty_maps(sensors, geometry, config.grid, threads=threads), Trail(geometry)
-    yield started_run(sensors, placed.counts, geometry, walls_m)
+    frame_m = frame_of(placed, walls_m) if watched else None
+    yield started_run(sensors, placed.counts, geometry, walls_m, frame_m)
     every = config.rerun.stages_every
     for readings in stretches(placed, every):
         yield from merge(readings, maps, watched=watched, merged=merged)
@@ -73,7 +75,7 @@ def build_maps(
     yield from result_stages(sensors, maps, trail, config, final=True, raw=raw)
     yield from raw
     counts = placed.counts
-    yield Finished(counts.readings, counts.used, counts.dropped, placed.notes)
+    yield Finished(counts.readings, counts.used, counts.dropped, placed.notes, counts.dropped_at)
 
 
 def stretches(placed: Iterable[Readings], every: int) -> Iterator[Readings]:
@@ -148,6 +150,7 @@ def started_run(
     counts: Counts,
     geometry: GridGeometry,
     walls_m: NDArray[np.float64] | None,
+    frame_m: NDArray[np.float64] | None = None,
 ) -> Started:
     """The first artifact: the grid, and the layers that the sensors will fill."""
     layers = tuple(dict.fromkeys(sensor.layer for sensor in sensors))
@@ -158,7 +161,16 @@ def started_run(
     widths_rad: dict[str, float] = {}
     for sensor in (known[name] for name in counts.used):
         widths_rad.setdefault(sensor.layer, sensor.beam_width_rad)
-    return Started(geometry, layers, walls, counts.first_ns, counts.last_ns, widths_rad)
+    return Started(
+        geometry,
+        layers,
+        walls,
+        counts.first_ns,
+        counts.last_ns,
+        widths_rad,
+        tuple(sensors),
+        frame_m,
+    )
 
 
 class Trail:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
 
+from mapping.artifacts import DroppedReadings
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import MotionGatherer, fixed_track
 from mapping.pending import first_readings
@@ -63,6 +64,7 @@ class Counts:
     dropped: dict[str, int]
     first_ns: int
     last_ns: int
+    dropped_at: tuple[DroppedReadings, ...] = field(default=(), compare=False)
 
 
 class HasBlocks(Protocol):
@@ -167,7 +169,9 @@ class PlacedSession:
             text = f"not one reading can be mapped: {why} (found: {self._found})"
             raise BadInput("; ".join([text, *self._selection.notes]))
         used = dict(placer.used)
-        return Counts(placer.readings, used, dropped, times.first_ns, times.last_ns)
+        return Counts(
+            placer.readings, used, dropped, times.first_ns, times.last_ns, placer.dropped_at
+        )
 
 
 @dataclass(slots=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.artifacts import DroppedReadings
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import LiveMotion
 from mapping.pending import LEAST_M, Pending, SensorTable, first_readings
@@ -25,6 +26,7 @@ from recorder.columns import Block, Floats, Ints
 from recorder.geometry import IDENTITY
 from recorder.messages import HEAD_FRAME, Range, Scan
 
+MOST_DROPPED_AT = 1_000_000  # of which it is kept when they came
 _TOO_FAR = "pose not finite or too far"
 _STEPPED_BACK = "clock stepped back (reading kept)"
 # Why a reading is dropped; of several reasons the first one counts. 0: it is not.
@@ -61,6 +63,7 @@ class Placer:
         self._waiting = Pending.none()
         self._first: dict[str, Range | Scan] = {}  # of each sensor that is not settled yet
         self._dropped: Counter[str] = Counter()
+        self._dropped_at: list[tuple[NDArray[np.int8], Ints, Ints]] = []  # why, sensor, when
         self._placed = 0
         self._last_ns: int | None = None
         self._clock_steps = 0
@@ -78,6 +81,18 @@ class Placer:
         first = {_TOO_FAR: bad_poses} if bad_poses else {}
         last = {_STEPPED_BACK: self._clock_steps} if self._clock_steps else {}
         return {**first, **self._dropped, **last}
+
+    @property
+    def dropped_at(self) -> tuple[DroppedReadings, ...]:
+        """When readings were dropped, by sensor and reason; of very many, of the first ones."""
+        if not self._dropped_at:
+            return ()
+        why, sensor, t_ns = (np.concatenate(each) for each in zip(*self._dropped_at, strict=True))
+        names, found = self._table.names, []
+        for number, code in sorted(set(zip(sensor.tolist(), why.tolist(), strict=True))):
+            mine = (sensor == number) & (why == code)
+            found.append(DroppedReadings(names[number], REASONS[code], t_ns[mine]))
+        return tuple(found)
 
     def take(self, block: Block) -> Readings:
         """The readings that can be placed now that these messages are known."""
@@ -164,6 +179,9 @@ class Placer:
             self.used[table.names[each]] += count
         for each, count in _in_order(why[why != 0]):
             self._dropped[REASONS[each]] += count
+        if sum(len(each) for each, _, _ in self._dropped_at) < MOST_DROPPED_AT:
+            lost = why != 0
+            self._dropped_at.append((why[lost], pending.sensor[lost], pending.t_ns[lost]))
 
     def _count_clock_steps(self, t_ns: Ints) -> None:
         last_ns = int(t_ns[0]) if self._last_ns is None else self._last_ns

@@ -6,12 +6,40 @@ where it does, and part where a wall is new, or where a reading is wrong.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, MergedGrid, Started
 from mapping.beams import Beam
 from mapping.grid import GridGeometry
+
+SHORT, THROUGH = "short", "through"
+_LEAST_GAP_M, _LEAST_GAP_SHARE = 0.10, 0.15  # of the range: what is less is no contradiction
+_LEAST_AXES_SHARE = 0.33  # of a scan's axes: fewer that contradict the map are not the scan's fault
+
+
+@dataclass(frozen=True, slots=True)
+class Contradiction:
+    """A reading and a map that cannot both be right.
+
+    ``kind`` is :data:`SHORT`: it saw an obstacle and the map has none so near in the beam, or
+    :data:`THROUGH`: the map has a wall on its axis before what it saw. ``expected_m`` is what
+    the map says in the place of ``measured_m``; of a scan both are medians over the axes that
+    contradict, which are ``share`` of all.
+    """
+
+    kind: str
+    measured_m: float
+    expected_m: float
+    share: float = 1.0
+
+    @property
+    def weight(self) -> float:
+        """How far the two are apart, metres; what should have been endless counts as far again."""
+        expected_m = min(self.expected_m, 2.0 * self.measured_m + 1.0)
+        return self.share * abs(expected_m - min(self.measured_m, 2.0 * expected_m + 1.0))
 
 
 class RangePredictor:
@@ -56,6 +84,40 @@ class RangePredictor:
             cells = np.array([nearest_in_cone(occupied, x, y, heading, half, reach)])
         else:
             cells = nearest_on_rays(occupied, x, y, beam.headings_rad, reach)
+        metres: NDArray[np.float64] = cells * resolution
+        return metres
+
+    def contradiction(self, beam: Beam) -> Contradiction | None:
+        """Whether a beam's own layer, as it is now, contradicts it; None where it does not.
+
+        The cone of a ranger may hold a nearer wall that sends no echo back, so only one on its axis
+        counts against it.
+        """
+        if self._geometry is None or beam.layer not in self._occupied:
+            return None
+        far_m, saw = beam.far_m, beam.saw_something
+        gap_m = np.maximum(_LEAST_GAP_M, _LEAST_GAP_SHARE * far_m)
+        nearest_m, on_axis_m = self.ranges_m(beam), self._on_axes_m(beam)
+        short = saw & (nearest_m > far_m + gap_m)
+        through = ~short & (on_axis_m < far_m - gap_m)
+        share = float((short | through).mean())
+        if share < _LEAST_AXES_SHARE:
+            return None
+        kind = SHORT if short.sum() >= through.sum() else THROUGH
+        those, expected_m = (short, nearest_m) if kind == SHORT else (through, on_axis_m)
+        return Contradiction(
+            kind, float(np.median(far_m[those])), float(np.median(expected_m[those])), share
+        )
+
+    def _on_axes_m(self, beam: Beam) -> NDArray[np.float64]:
+        """How far each axis gets before it meets an occupied cell, (N,); +Inf: to its end."""
+        from mapping.kernels.casting import nearest_on_rays
+
+        assert self._geometry is not None
+        (x0, y0), resolution = self._geometry.origin_m, self._geometry.resolution_m
+        start, reach = beam.world_from_sensor, float(beam.far_m.max(initial=0.0)) / resolution
+        x, y = (start.x_m - x0) / resolution, (start.y_m - y0) / resolution
+        cells = nearest_on_rays(self._occupied[beam.layer], x, y, beam.headings_rad, reach)
         metres: NDArray[np.float64] = cells * resolution
         return metres
 

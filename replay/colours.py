@@ -30,10 +30,10 @@ CONTRADICTION: Colour = (220, 30, 30)
 FUSED: Colour = (130, 130, 130)
 
 _HUES: dict[str, Colour] = {
-    "orange": (245, 110, 0), "violet": (145, 80, 230), "blue": (0, 115, 230),
-    "brown": (165, 100, 55), "olive": (135, 145, 20), "rose": (230, 110, 150),
+    "orange": (245, 110, 0), "violet": (145, 80, 230), "lime": (145, 160, 0),
+    "brown": (165, 100, 55), "rose": (230, 110, 150), "blue": (0, 115, 230),
 }  # fmt: skip
-_KINDS = ("orange", "violet", "brown", "blue")  # sound, infrared, time of flight, lasers that scan
+_KINDS = ("orange", "violet", "brown", "lime")  # sound, infrared, time of flight, lasers that scan
 _FUSED_NAME = "fused"
 _LIGHTEST, _DARKEST = 0.45, -0.4  # of the shades of one hue: towards white, and towards black
 

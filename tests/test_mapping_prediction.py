@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -15,7 +16,7 @@ from mapping.artifacts import MergedGrid, Started
 from mapping.beams import Beam
 from mapping.grid import GridGeometry
 from mapping.kernels.casting import nearest_in_cone, nearest_on_rays
-from mapping.prediction import RangePredictor
+from mapping.prediction import SHORT, THROUGH, RangePredictor
 from recorder.geometry import SE2
 
 GRID = GridGeometry((-1.0, 2.0), 0.1, 30, 40)
@@ -137,3 +138,28 @@ def test_what_is_freed_again_is_no_longer_predicted() -> None:
     predictor = with_cells((10, 30))
     predictor(merged(np.full(GRID.shape, 0.2, np.float32)))
     assert np.isinf(predictor.ranges_m(beam(0.05, 3.05, 0.0))).all()
+
+
+@pytest.mark.parametrize(
+    ("measured_m", "expected"),
+    [(0.5, SHORT), (1.0, None), (1.05, None), (1.5, THROUGH), (np.inf, THROUGH)],
+)
+def test_a_wall_ahead_contradicts_what_falls_short_of_it_or_looks_through(
+    measured_m: float, expected: str | None
+) -> None:
+    wall = with_cells(*((row, 20) for row in range(GRID.rows)))  # a metre ahead
+    read = dataclasses.replace(beam(0.05, 3.5, 0.0), ranges_m=np.array([measured_m]))
+    found = wall.contradiction(read)
+    assert (None if found is None else found.kind) == expected
+    if found is not None:
+        assert found.expected_m == pytest.approx(1.0, abs=GRID.resolution_m)
+        assert found.weight > 0.4
+
+
+def test_a_nearer_wall_at_the_cones_edge_does_not_count_against_a_ranger() -> None:
+    """It may send no echo back; and a map without a layer has nothing to say."""
+    read = dataclasses.replace(beam(0.05, 3.5, 0.0), ranges_m=np.array([1.0]))
+    half = math.radians(8)
+    edge = (round((1.5 + 0.6 * math.sin(half)) / 0.1), round((1.05 + 0.6 * math.cos(half)) / 0.1))
+    assert with_cells(edge, (15, 20)).contradiction(read) is None
+    assert RangePredictor(0.55).contradiction(read) is None

@@ -21,6 +21,7 @@ from recorder.messages import Radiation, Range
 from replay.comparison import Variant
 from replay.comparison_steps import in_step
 from replay.rrd import layout
+from replay.rrd.blueprints import BY_STEP
 from replay.rrd.comparison import comparison_writer
 from replay.rrd.headless import HeadlessViewer
 
@@ -102,7 +103,7 @@ def test_it_opens_paused_with_a_view_for_each_map(path: Path) -> None:
     with headless(path) as viewer:
         assert viewer.now == ("step", 0)
         views = {f"{name}: dirrs" for name in ROOMS} | {f"{name}: fused" for name in ROOMS}
-        assert views | {"What this step does", "Range of each reading, metres"} <= set(viewer.views)
+        assert views | {"What this step does", BY_STEP} <= set(viewer.views)
 
 
 @pytest.mark.viewer

@@ -11,12 +11,15 @@ from rerun.chunk import RrdReader
 
 from mapping.artifacts import Snapshot
 from mapping.config import MappingConfig, load_config
-from mapping.display import against_largest, grey, three_colours, two_colours
+from mapping.display import GREEN, against_largest, grey, inked
 from mapping.grid import GridGeometry, Layer
 from recorder.errors import BadInput
+from replay.colours import sensor_colours
 from replay.mapping_run import RunResult, map_session
 from replay.rrd import layout
 from replay.rrd.display_layers import LEVELS, OF_ONE, colours, encode, one
+
+OF = {1: ["ping"], 2: ["ping", "dirrs"], 3: ["ping", "dirrs", "lidar"]}
 
 ROOM = ROOT / "logs" / "room.mcap"
 Picture = tuple[int, np.ndarray, np.ndarray]
@@ -69,8 +72,11 @@ def expected(result: RunResult) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     both = layers["ping"], layers["dirrs"]
     shades = [layer.probability for layer in both]
     seen = both[0].observed | both[1].observed
-    wanted[layout.display("", "two-colours")] = (two_colours(*shades), seen)
-    wanted[layout.display("", "three-colours")] = (three_colours(*shades), seen)
+    inks = [sensor_colours(["ping", "dirrs"])[name] for name in ("ping", "dirrs")]
+    common = np.minimum(*shades)
+    alone = [shade - common for shade in shades]
+    wanted[layout.display("", "two-colours")] = (inked(shades, inks), seen)
+    wanted[layout.display("", "three-colours")] = (inked([*alone, common], [*inks, GREEN]), seen)
     return wanted
 
 
@@ -90,7 +96,7 @@ def test_every_way_is_there_at_the_end_and_at_each_interval(run: tuple[RunResult
         way = entity.rpartition("/")[2]
         count = 1 if way in OF_ONE else 2
         levels = 5 if way == "reduced" else LEVELS[count]
-        drawn = colours(way, count, levels)[image.astype(int) - 1].astype(int)
+        drawn = colours(way, OF[count], levels)[image.astype(int) - 1].astype(int)
         gap = np.abs(drawn - picture[part]).max(axis=-1)[seen[part]]
         # Half a level of each ink, which may fall on the same channel, and the roundings.
         assert gap.max() <= (1 if way == "reduced" else count * 255 / (levels - 1) / 2 + 1), entity
@@ -108,7 +114,7 @@ def test_reduced_depth_has_the_shades_asked_for(tmp_path: Path) -> None:
         codes = np.unique(image[image > 0])
         assert set(codes) <= {1, 2, 3}
         assert len(codes) >= 2
-    assert colours("reduced", 1, 3)[:, 0].tolist() == [255, 127, 0]
+    assert colours("reduced", ["ping"], 3)[:, 0].tolist() == [255, 127, 0]
 
 
 def test_nothing_is_drawn_when_nothing_is_asked(tmp_path: Path) -> None:
@@ -143,7 +149,9 @@ def test_odds_are_black_where_they_are_largest(kind: str) -> None:
         np.ones((1, 3), bool), {},
     )  # fmt: skip
     picture = one("odds", layer, 5)
-    empty, between, full = colours("odds", 1, picture.levels)[picture.codes[0].astype(int) - 1]
+    empty, between, full = colours("odds", ["ping"], picture.levels)[
+        picture.codes[0].astype(int) - 1
+    ]
     assert full.tolist() == [0, 0, 0]
     assert empty.tolist() == [255, 255, 255]
     assert 0 < between[0] <= 255
@@ -157,8 +165,8 @@ def test_every_combination_of_shades_has_a_code_of_its_own(count: int) -> None:
     assert codes[0].tolist() == list(range(1, levels**count + 1))
     assert encode(list(steps), levels, np.zeros(steps.shape[1:], bool)).max() == 0
     if count == 3:
-        expected = three_colours(*steps)[0]
-        np.testing.assert_array_equal(colours("three-colours", 3, levels), expected)
+        expected = inked(list(steps), [sensor_colours(OF[3])[name] for name in OF[3]])[0]
+        np.testing.assert_array_equal(colours("three-colours", OF[3], levels), expected)
 
 
 def test_snapshots_are_what_is_drawn(run: tuple[RunResult, Path]) -> None:

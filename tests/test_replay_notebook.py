@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 import tomllib
 from pathlib import Path
@@ -13,7 +14,7 @@ import echogrid
 from mapping.config import load_config
 from recorder.errors import BadInput
 from replay.mapping_run import RunResult, map_session
-from replay.rrd.notebook import NEEDS_JUPYTER
+from replay.rrd.notebook import NEEDS_JUPYTER, clicked_m, config_of
 
 ROOM = ROOT / "logs" / "room.mcap"
 
@@ -75,3 +76,31 @@ def test_the_extra_is_of_the_viewers_own_version() -> None:
     (extra,) = project["optional-dependencies"]["jupyter"]
     assert extra == viewer.replace("rerun-sdk", "rerun-notebook")
     assert extra in NEEDS_JUPYTER
+
+
+def click(entity: str, position: list[float] | None, kind: str = "selection_change") -> str:
+    """What the viewer's page sends."""
+    item = {"type": "entity", "entity_path": entity, "position": position}
+    return json.dumps({"type": kind, "application_id": "echogrid", "items": [item]})
+
+
+def test_a_click_on_a_cell_asks_why_it_is_so(run: RunResult) -> None:
+    """In the viewer's plane y runs down."""
+    widget = echogrid.show(run, session=ROOM)
+    viewer, below = widget.children
+    for callback in viewer._raw_event_callbacks:
+        callback(click("/map/layers/ping/merged/t00_00", [2.21, -0.21, 0.0]))
+    (answer,) = below.outputs
+    assert "## Why is this cell so?" in answer["data"]["text/markdown"]
+    assert "The cell at (2.21, 0.21) m" in answer["data"]["text/markdown"]
+    for callback in viewer._raw_event_callbacks:
+        callback(click("/map/layers/ping/merged/t00_00", [99.0, 0.0, 0.0]))
+    assert "outside the grid" in below.outputs[0]["data"]["text/markdown"]
+
+
+def test_only_a_click_on_a_map_asks(run: RunResult) -> None:
+    assert clicked_m(click("/legend/swatches", [1.0, 1.0, 0.0])) is None
+    assert clicked_m(click("/map/layers/ping", None)) is None
+    assert clicked_m(click("/map/layers/ping", [1.0, 2.0, 0.0], kind="time_update")) is None
+    assert run.rrd is not None
+    assert config_of(run.rrd).grid.resolution_m == 0.1

@@ -338,6 +338,8 @@ def test_many_borders_are_all_drawn_and_go_when_the_stage_starts_anew(tmp_path: 
     stream = RrdReader(tmp_path / "b.rrd").store().stream()
     for chunk in stream.filter(content=f"{layout.borders('ping')}/**", is_static=False):
         batch = chunk.to_record_batch()
+        if chunk.entity_path.endswith("/newest"):
+            continue
         if "LineStrips2D:strips" in batch.schema.names:
             steps = batch.column("step").to_pylist()
             counts = [len(row) for row in batch.column("LineStrips2D:strips").to_pylist()]

@@ -57,8 +57,8 @@ def rows_of(recording: RrdRecording, entity: str, component: str) -> list[Any]:
 
 
 def newest(recording: RrdRecording, entity: str, component: str) -> Any:
-    """The last value of a component, or None."""
-    rows = rows_of(recording, entity, component)
+    """The last value of a component that is not empty, as the end leaves it, or None."""
+    rows = [row for row in rows_of(recording, entity, component) if row is not None and len(row)]
     return rows[-1] if rows else None
 
 
@@ -72,7 +72,7 @@ def test_every_stage_and_tracer_step_is_a_step_of_the_recording(
         assert layers == [s.layer for s in recording.steps if s.artifact == kind.__name__]
         assert set(layers) <= set(recording.layers)
     assert {a.kind for a in artifacts if isinstance(a, LineStage)} == {
-        "split", "merge", "fit", "corner",
+        "split", "merge", "fit", "corner", "move", "drop",
     }  # fmt: skip
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from viewer_support import Scale, headless, near
+from viewer_support import Scale, headless
 
 import echogrid
 from mapping.artifacts import Artifact, MergedGrid, Started, TempGrid
@@ -21,6 +21,7 @@ from mapping.grid import Window
 from mapping.pipeline import build_maps
 from recorder.session import read_session
 from replay.rrd import layout
+from replay.rrd.axes import frame_of
 from replay.rrd.blueprints import CHANGES
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.pictures import strength_classes, strength_names
@@ -64,7 +65,7 @@ def scale(shown: HeadlessViewer, artifacts: list[Artifact]) -> Scale:
     started = artifacts[0]
     assert isinstance(started, Started)
     shown.go_to(0)
-    return Scale.of(near(shown.screenshot(SENSOR), layout.NEVER_SEEN), started.geometry)
+    return Scale.of_view(shown.screenshot(SENSOR), frame_of(started), started.geometry)
 
 
 @dataclass(frozen=True)
@@ -118,6 +119,10 @@ def tinted(picture: NDArray[np.int_], scale: Scale, patch: Patch, occupied: bool
     if len(cells) < FEWEST_CELLS // 10:
         return None
     rows, cols = scale.pixels(scale.geometry.centres_of(cells)).T
+    inside = (rows >= 0) & (rows < picture.shape[0]) & (cols >= 0) & (cols < picture.shape[1])
+    rows, cols = rows[inside], cols[inside]  # the view shows the room, not all of the grid
+    if len(rows) < FEWEST_CELLS // 10:
+        return None
     strong, weak = (0, 2) if occupied else (2, 0)
     pixels = picture[rows, cols]
     return float((pixels[:, strong] > pixels[:, weak] + TINT).mean())
@@ -140,7 +145,10 @@ def test_every_patch_lies_over_the_cells(
     assert np.ptp(rows) > 0.3 * scale.geometry.rows
     assert np.ptp(cols) > 0.3 * scale.geometry.cols
     shown.bring_to_front(CHANGES if kind is MergedGrid else SENSOR)
-    over = (layout.WALLS, layout.ROBOT, layout.PATH, layout.points(SENSOR), layout.beam(SENSOR))
+    over = (
+        layout.WALLS, layout.ROBOT, layout.PATH, layout.points(SENSOR), layout.beam(SENSOR),
+        f"{layout.AXES}/frame",
+    )  # fmt: skip
     shown.switch(view, *over, on=False)
     looked_at = 0
     for patch in patches:

@@ -26,7 +26,9 @@ from mapping.pipeline import build_maps
 from mapping.probing import CellProbe
 from recorder.session import read_session
 from recorder.truth import true_walls
+from replay.colours import sensor_colours
 from replay.rrd import layout
+from replay.rrd.axes import frame_of
 from replay.rrd.blueprints import CHANGES, DISPLAYS
 from replay.rrd.headless import HeadlessViewer
 from replay.rrd.pictures import beam_outline
@@ -35,8 +37,8 @@ from replay.rrd.writer import run_writer
 
 WATCHED = (2.21, 0.21)  # on the right wall of the room
 SENSOR = "dirrs"  # narrow beams: its walls come out sharp
-SENSOR_COLOUR = layout.SENSORS[1]
-OVERLAYS = (layout.WALLS, layout.ROBOT, layout.PATH, layout.points(SENSOR))
+SENSOR_COLOUR = sensor_colours([SENSOR])[SENSOR]
+OVERLAYS = (layout.WALLS, layout.ROBOT, layout.PATH, layout.points(SENSOR), f"{layout.AXES}/frame")
 NEAR_WALL_M = 0.14  # at its reach of 0.8 m: the infrared's band (0.06), its error (0.04), two cells
 
 
@@ -120,10 +122,7 @@ def scale(shown: HeadlessViewer, artifacts: list[Artifact]) -> Scale:
     started = artifacts[0]
     assert isinstance(started, Started)
     shown.go_to(0)
-    hidden(shown, on=False)
-    found = Scale.of(near(shown.screenshot(SENSOR), layout.NEVER_SEEN), started.geometry)
-    hidden(shown, on=True)
-    return found
+    return Scale.of_view(shown.screenshot(SENSOR), frame_of(started), started.geometry)
 
 
 def steps_of(artifacts: list[Artifact], kind: type, sensor: str = SENSOR) -> list[int]:
@@ -174,8 +173,10 @@ def test_the_dark_cells_are_the_true_walls(
     mask = dark(shown.screenshot(SENSOR))
     hidden(shown, on=True)
     places = scale.metres(mask)
-    low = np.array(scale.geometry.origin_m)
-    inside = ((places > low) & (places < low + scale.geometry.size_m)).all(axis=-1)
+    edge_m = 0.05  # beyond the map is the viewer's own dark
+    low = np.array(scale.geometry.origin_m) + edge_m
+    high = low + scale.geometry.size_m - 2 * edge_m
+    inside = ((places > low) & (places < high)).all(axis=-1)
     assert_dark_on_walls(places[inside], walls_m)
 
 
@@ -310,8 +311,13 @@ class MapPage(Patiently):
         self.geometry = geometry
 
     def never_seen(self, picture: Image.Image) -> np.ndarray:
-        """The pixels of the map that are of the colour of what was never seen."""
-        return near(picture, layout.NEVER_SEEN)
+        """The pixels of the map that are of the colour of what was never seen.
+
+        The maps have seven tenths of the page's width; the legend has a swatch of that colour, too.
+        """
+        found = near(picture, layout.NEVER_SEEN)
+        found[:, 7 * found.shape[1] // 10 :] = False
+        return found
 
     def scale(self, picture: Image.Image) -> Scale:
         """Of a picture whose map is never seen at its four sides."""
@@ -332,8 +338,8 @@ class MapPage(Patiently):
         """The beam is drawn where it was; the robot's arrow lies over a part of it."""
         if self.never_seen(picture).mean() < 0.1:
             return False
-        colour = layout.SENSORS[0]  # the only sensor, so the first colour
-        return share_along(picture, self.scale(picture), outline_points(beam), colour) > 0.8
+        points = outline_points(beam)
+        return share_along(picture, self.scale(picture), points, SENSOR_COLOUR) > 0.8
 
 
 @pytest.mark.viewer

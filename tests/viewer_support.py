@@ -29,9 +29,11 @@ from PIL import Image
 
 from mapping.grid import GridGeometry
 from recorder.errors import BadInput
+from replay.rrd.axes import Frame
 from replay.rrd.headless import HeadlessViewer
 
 NEEDS_CHROMIUM = "no Chromium: sudo apt install chromium"
+BEYOND_PX = 7  # a view reaches so far beyond its picture, both sides together
 PATIENCE_S = 300.0  # with a browser that draws on a busy processor
 PRESS_AGAIN_S = 60.0  # that busy, a page takes half a minute to show what a key did
 PRESS_AGAIN_LOOKS = 5  # and so many pictures must show that nothing happened
@@ -74,6 +76,16 @@ class Scale:
         rows, cols = np.nonzero(empty)
         width = cols.max() + 1 - cols.min()
         return cls(cols.min(), rows.max() + 1, width / geometry.size_m[0], geometry)
+
+    @classmethod
+    def of_view(cls, picture: Image.Image, frame: Frame, geometry: GridGeometry) -> Scale:
+        """By the part of the map that a view is to show: it fits in, its middle is the middle."""
+        (x0, x1), (y0, y1) = frame.shown_m
+        width, height = picture.width + BEYOND_PX, picture.height + BEYOND_PX
+        px_per_m = min(width / (x1 - x0), height / (y1 - y0))
+        left = picture.width / 2 + (geometry.origin_m[0] - (x0 + x1) / 2) * px_per_m
+        bottom = picture.height / 2 + ((y0 + y1) / 2 - geometry.origin_m[1]) * px_per_m
+        return cls(left, bottom, px_per_m, geometry)
 
     def metres(self, mask: np.ndarray) -> np.ndarray:
         """Centres of a mask's pixels, (N, 2)."""

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Finished, Snapshot
 from mapping.config import MappingConfig
-from mapping.config_text import commented_toml
 from mapping.live_pipeline import build_live_maps
 from recorder.messages import Message
 from recorder.recording import RecordingStatus, SessionSink
@@ -27,6 +26,7 @@ from recorder.translation import RecordingCounters
 from replay.live.feed import CAPACITY, LiveEnd, LiveFeed, Work
 from replay.terminal import map_lines
 
+STAGES_EVERY = 200  # readings, after which maps are fused anew unless the configuration says when
 PATIENCE_S = 60.0  # for the last results, once the recording has ended
 
 
@@ -109,8 +109,12 @@ def show_live(
     # A viewer that was closed is reported by Rerun itself, in its own log lines, over and over.
     os.environ.setdefault("RUST_LOG", "off")
     from replay.rrd.live import LiveWriter
+    from replay.rrd.run_drawer import live_drawer
 
-    writer = LiveWriter(url, config_text=commented_toml(config), name=name)
+    if not config.rerun.stages_every:  # else the fused map would be that of the first moments
+        stages = config.rerun.model_copy(update={"stages_every": STAGES_EVERY})
+        config = config.model_copy(update={"rerun": stages})
+    writer = LiveWriter(url, drawer=functools.partial(live_drawer, config), name=name)
     last: Snapshot | None = None
     finished: Finished | None = None
     for artifact in build_live_maps(messages, config, walls_m=walls_m, is_late=is_late):

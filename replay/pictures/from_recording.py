@@ -20,7 +20,8 @@ from replay.pictures.views import (
     view_of_classes,
     view_of_grid,
 )
-from replay.rrd.reader import RrdRecording, Step, map_names, read_rrd
+from replay.rrd.reader import RrdRecording, map_names, read_rrd
+from replay.rrd.steps import Step
 
 _AFTER_READINGS = ("Snapshot", "Finished", "Classes", "Thresholded", "Border", "Segment")
 

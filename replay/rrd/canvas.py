@@ -5,12 +5,16 @@ A canvas belongs to one grid in one recording, and knows nothing of what is on i
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
+from replay.colours import sensor_colours
 from replay.rrd import columns, layout, scene
 from replay.rrd.layout import Colour, Place, Tiling
 from replay.rrd.sink import Pack, RowBuffer, Sink, Stamp
@@ -23,7 +27,13 @@ TRAIL_BASE = 16  # rows of one digit that make one of the next
 class Canvas:
     """One grid being drawn; ``stamp`` is the step that everything added belongs to."""
 
-    def __init__(self, sink: Sink, geometry: GridGeometry, stamp: Stamp) -> None:
+    def __init__(
+        self,
+        sink: Sink,
+        geometry: GridGeometry,
+        stamp: Stamp,
+        colours: Mapping[str, Colour] = MappingProxyType({}),
+    ) -> None:
         self.sink, self.geometry, self.stamp = sink, geometry, stamp
         self.tiling = layout.tiling_for(geometry)
         self.results_tiling = layout.results_tiling_for(geometry)
@@ -31,7 +41,7 @@ class Canvas:
         self._prepared: set[str] = set()
         self._vanishing: dict[str, tuple[Pack, Any]] = {}
         self._trails: dict[str, list[list[Floats]]] = {}
-        self._colours: dict[str, Colour] = {}
+        self._colours = dict(colours)
         self._classes: dict[str, NDArray[np.uint8]] = {}
 
     def add(self, entity: str, pack: Pack, value: Any, size: int = 64) -> None:
@@ -78,6 +88,18 @@ class Canvas:
             digits[number].clear()
             number += 1
 
+    @property
+    def trails(self) -> tuple[str, ...]:
+        """The entities below which dots were left."""
+        return tuple(self._trails)
+
+    def lift(self, entity: str) -> Floats:
+        """Take the dots left below an entity away, and return them, (N, 2)."""
+        digits = self._trails.pop(entity, [])
+        for number in range(len(digits)):
+            self.add(layout.digit(entity, number), columns.points, np.zeros((0, 2)))
+        return np.concatenate([np.zeros((0, 2)), *itertools.chain(*digits)])
+
     def prepare(self, entity: str, set_up: scene.SetUp, *how: Any) -> None:
         """Write the unchanging part of an entity, the first time that it is asked for."""
         if entity not in self._prepared:
@@ -85,9 +107,10 @@ class Canvas:
             set_up(self.sink, entity, *how)
 
     def colour(self, sensor: str) -> Colour:
-        """One colour for each sensor or layer, in the order in which they come."""
-        number = len(self._colours)
-        return self._colours.setdefault(sensor, layout.SENSORS[number % len(layout.SENSORS)])
+        """The colour of a sensor or a layer; of one that nobody announced, by its name alone."""
+        if sensor not in self._colours:
+            self._colours[sensor] = layout.opaque(sensor_colours([sensor])[sensor])
+        return self._colours[sensor]
 
     def draw_classes(self, root: str, picture: NDArray[np.uint8], order: float) -> None:
         """Draw a whole grid of classes: the tiles that are not as they were drawn last."""

@@ -12,6 +12,7 @@ import pyarrow as pa
 import rerun as rr
 from numpy.typing import NDArray
 
+from replay.rrd import layout
 from replay.rrd.sink import Columns
 
 
@@ -126,6 +127,21 @@ def strips(rows: Sequence[Sequence[NDArray[np.float64]]]) -> Columns:
     return [rr.ComponentColumn(_STRIPS, _Arrow(lists), offsets=_offsets(lengths))]
 
 
+_COLOURS = next(
+    each
+    for each in rr.LineStrips2D.columns(colors=[0])
+    if "colors" in str(each.component_descriptor())
+).component_descriptor()
+
+
+def colours(rows: Sequence[Sequence[tuple[int, int, int, int]]]) -> Columns:
+    """The colour of each strip of an entity (RGBA), or one for all of them."""
+    every = np.array([colour for row in rows for colour in row], np.uint32).reshape(-1, 4)
+    numbers = every @ np.array([1 << 24, 1 << 16, 1 << 8, 1], np.uint32)
+    array = _Arrow(pa.array(numbers.astype(np.uint32)))
+    return [rr.ComponentColumn(_COLOURS, array, offsets=_offsets([len(row) for row in rows]))]
+
+
 _LABELS = next(
     each
     for each in rr.LineStrips2D.columns(labels=["a"])
@@ -144,6 +160,38 @@ def arrows(rows: Sequence[NDArray[np.float64]]) -> Columns:
     """One arrow a row, as its start and its vector: (2, 2), metres."""
     both = np.stack(rows)
     return list(rr.Arrows2D.columns(origins=both[:, 0], vectors=both[:, 1]))
+
+
+def no_arrows(rows: Sequence[None]) -> Columns:
+    """No arrow at all, which takes the last one away."""
+    nothing = np.zeros((0, 2))
+    lengths = [0] * len(rows)
+    return list(rr.Arrows2D.columns(origins=nothing, vectors=nothing).partition(lengths))
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedClasses:
+    """A picture (rows, cols) of classes, the outer corner of its cell (0, 0), a cell's side, and
+    the order in which it is drawn."""
+
+    picture: NDArray[np.uint8]
+    corner_m: tuple[float, float]
+    cell_m: float
+    order: float
+
+
+def placed_classes(rows: Sequence[PlacedClasses]) -> Columns:
+    """Pictures of classes whose place and size differ from row to row; row 0 is the lowest y."""
+    return [
+        *rr.SegmentationImage.columns(
+            buffer=[row.picture.tobytes() for row in rows],
+            format=[image_format(row.picture.shape) for row in rows],
+        ),
+        *rr.Transform3D.columns(
+            translation=[[*row.corner_m, layout.plane_m(row.order)] for row in rows],
+            scale=[[row.cell_m] * 3 for row in rows],
+        ),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +238,11 @@ def log_records(rows: Sequence[bytes]) -> Columns:
 def number_records(rows: Sequence[NDArray[Any]]) -> Columns:
     """Numbers of any one type, exactly: a segment, a border's cells, raw points."""
     return [_joined("numbers", rows)]
+
+
+def log_lines(rows: Sequence[tuple[str, str]]) -> Columns:
+    """Lines of a log, each with its level."""
+    return list(rr.TextLog.columns(text=[r[0] for r in rows], level=[r[1] for r in rows]))
 
 
 def notices(rows: Sequence[str]) -> Columns:

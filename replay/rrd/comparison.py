@@ -28,7 +28,7 @@ from replay.rrd.thinning import Detail
 from replay.rrd.writer import RrdWriter
 
 _FEWEST_READINGS = 20  # between two looks at the file's size: each reading comes in every map
-_SHARED = (layout.EXPLANATION, layout.LEGEND, layout.CONFIG, layout.NOTICE)
+_SHARED = (layout.EXPLANATION, layout.MANUAL, layout.CONFIG, layout.NOTICE)
 
 
 class ComparisonDrawer:
@@ -45,6 +45,10 @@ class ComparisonDrawer:
     def blueprint(self, first: Moment) -> rrb.Blueprint:
         """The maps side by side. Raises TypeError for a moment that is not the start of all."""
         return comparison_blueprint(_starts(first))
+
+    def last_blueprint(self) -> rrb.Blueprint | None:
+        """The first one holds."""
+        return None
 
     def begin(self, sink: Sink, first: Moment) -> None:
         """Lay out the empty maps, each below its own root."""

@@ -22,10 +22,11 @@ from mapping.artifacts import (
     Thresholded,
 )
 from mapping.beams import Beam
+from replay.colours import in_place
 from replay.comparison import Variant
 from replay.comparison_steps import SAME_PLACE_M, Distances, Moment, apart
 from replay.comparison_table import footnotes, map_rows, shown_layer, table_of
-from replay.rrd.explanation import describe, percent
+from replay.rrd.explanation import describe, layer_of, percent
 from replay.tables import markdown_table
 
 Some = TypeVar("Some")
@@ -44,7 +45,13 @@ class Compared:
 
 
 def describe_moment(moment: Moment, known: Compared) -> str:
-    """Markdown for one step of several maps."""
+    """Markdown for one step of several maps, and in which tab it is to be seen."""
+    layers = {layer_of(artifact) for artifact in moment.values()} - {""}
+    tab = f"\n\nSeen in the tab **{layers.pop()}**." if len(layers) == 1 else ""
+    return _described(moment, known) + tab
+
+
+def _described(moment: Moment, known: Compared) -> str:
     if begun := _all(moment, Started):
         return _started(begun, known)
     if beams := _all(moment, Beam):
@@ -194,17 +201,27 @@ def _snapshots(snapshots: Mapping[str, Snapshot]) -> str:
 
 
 def _finished(moment: Moment, known: Compared) -> str:
+    """A table for each tab, since any may be in front; the last layer that all have comes first."""
     finals = {name: some for name, some in known.finals.items() if some}
-    text = ""
+    parts = []
     if finals:
-        thresholds = {n: v.config.borders.threshold for n, v in known.variants.items()}
-        layer = shown_layer(finals)
-        lines = map_rows(finals, layer, thresholds)
-        head, *rows = table_of(lines)
-        parts = [f"## The maps {layer}, compared", _table(head, rows), *footnotes(lines), ""]
-        text = "\n\n".join(parts)
+        first = shown_layer(finals)
+        every = in_place(one.layer.name for some in finals.values() for one in some)
+        parts.append("## The maps, compared")
+        parts += [_compared_tab(finals, layer, known) for layer in _in_front(first, every)]
     away = "\n".join(f"- {line}" for line in known.distances.sentences())
-    return "\n\n".join(part for part in (text, away, _each(moment), known.left_out) if part)
+    return "\n\n".join(part for part in (*parts, away, _each(moment), known.left_out) if part)
+
+
+def _compared_tab(finals: Mapping[str, Sequence[Snapshot]], layer: str, known: Compared) -> str:
+    thresholds = {name: v.config.borders.threshold for name, v in known.variants.items()}
+    lines = map_rows(finals, layer, thresholds)
+    head, *rows = table_of(lines)
+    return "\n\n".join([f"### Tab {layer}", _table(head, rows), *footnotes(lines)])
+
+
+def _in_front(first: str, every: Sequence[str]) -> list[str]:
+    return [first, *(each for each in every if each != first)]
 
 
 def _each(moment: Moment) -> str:

@@ -21,7 +21,7 @@ from replay.diff.layers import Line
 from replay.diff.picture import difference_pixels, map_pixels
 from replay.diff.report_text import summary
 from replay.rrd import layout, scene
-from replay.rrd.blueprints import whole_grid
+from replay.rrd.axes import whole_frame
 from replay.rrd.sink import Sink, new_recording
 
 _VERDICT = "/verdict"
@@ -131,7 +131,7 @@ def _tab(layer: LayerReport, report: Report) -> rrb.Container:
     views = [
         rrb.Spatial2DView(
             origin="/", name=title, contents=[layout.MAP, f"{root}/{side}", *more],
-            visual_bounds=whole_grid(layer.pair.geometry),
+            visual_bounds=whole_frame(layer.pair.geometry).bounds,
         )
         for side, title, more in zip(_SIDES, titles, over, strict=True)
     ]  # fmt: skip

@@ -20,24 +20,26 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from mapping.artifacts import Artifact, Snapshot, Started
-from mapping.display import against_largest, at_depth, grey, three_colours, two_colours
+from mapping.display import GREEN, against_largest, at_depth, grey, inked
 from mapping.fusion import FUSED
 from mapping.grid import Layer, Window
 from mapping.update_rules import rule_of
+from replay.colours import in_place, sensor_colour_names, sensor_colours
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.pictures import Named
-from replay.rrd.sink import Columns, Sink
+from replay.rrd.sink import Sink
 
 OF_ONE = ("grey", "reduced", "odds")
 OF_SEVERAL = ("two-colours", "three-colours")
 TITLES = {
     "grey": "full colour depth",
     "reduced": "reduced colour depth",
-    "odds": "odds against the largest",
-    "two-colours": "two sensors: red and blue ink",
-    "three-colours": "red, blue, and green where both",
+    "odds": "odds against the largest (white: far less)",
+    "two-colours": "two sensors, each in its ink",
+    "three-colours": "each in its ink, and green where both",
 }
+_MOST = {"two-colours": 2, "three-colours": 3}  # maps in a picture
 _BUDGET_SHARE = 0.04  # inside of what the thinning keeps for the unforeseen
 _PACKING = 2.0  # the file packs less tightly than zlib
 _MOST_CELLS = 16_000_000  # in a picture; a larger one takes seconds to make
@@ -96,8 +98,9 @@ class DisplayOverlay:
             entity = layout.display(picture.layer, picture.name)
             canvas.prepare(entity, _set_up, picture)
             corner = layout.corner_m(canvas.geometry, window)
-            row = _Placed(cells, corner, canvas.geometry.resolution_m)
-            canvas.add(entity, _placed_cells, row, cells.nbytes)
+            cell_m = canvas.geometry.resolution_m
+            row = columns.PlacedClasses(cells, corner, cell_m, layout.ORDER_DISPLAY)
+            canvas.add(entity, columns.placed_classes, row, cells.nbytes)
         if not left_out:
             return ""
         return f"Too large for this file's budget, so left out: {', '.join(left_out)}."
@@ -126,7 +129,8 @@ def one(name: str, layer: Layer, levels: int) -> Picture:
 
 def several(name: str, layers: Sequence[Layer]) -> Picture:
     """The first two layers in one picture, or with ``three-colours`` the third as well."""
-    used = layers[: 3 if name == "three-colours" else 2]
+    places = in_place(each.name for each in layers)
+    used = sorted(layers, key=lambda each: places.index(each.name))[: _MOST[name]]
     depth = LEVELS[len(used)]
     seen = np.logical_or.reduce([each.observed for each in used])
     codes = encode([each.probability for each in used], depth, seen)
@@ -143,16 +147,36 @@ def encode(
     return np.where(observed, number + 1, 0).astype(np.uint8)
 
 
-def colours(name: str, count: int, levels: int) -> NDArray[np.uint8]:
-    """The colour of each code from 1 on, (levels ** count, 3), as :mod:`mapping.display` has it."""
-    steps = np.array(list(itertools.product(range(levels), repeat=count)), np.float64).T
+def colours(name: str, of: Sequence[str], levels: int) -> NDArray[np.uint8]:
+    """The colour of each code from 1 on, (levels ** count, 3).
+
+    One map is grey. Of several each has the ink of its sensor, printed over each other on white;
+    with ``three-colours`` two maps are printed in green where both hold a cell occupied.
+    """
+    steps = np.array(list(itertools.product(range(levels), repeat=len(of))), np.float64).T
     shades = [row[None] / (levels - 1) for row in steps]
-    if count == 1:
-        picture = grey(shades[0])
-    else:
-        picture = two_colours(*shades) if name == "two-colours" else three_colours(*shades)
-    table: NDArray[np.uint8] = picture[0]
+    if len(of) == 1:
+        table: NDArray[np.uint8] = grey(shades[0])[0]
+        return table
+    inks_of = [sensor_colours(of)[each] for each in of]
+    if name == "three-colours" and len(of) == 2:
+        both = np.minimum(*shades)
+        shades = [shades[0] - both, shades[1] - both, both]
+        inks_of.append(GREEN)
+    table = inked(shades, inks_of)[0]
     return table
+
+
+def inks(name: str, sensors: Sequence[str]) -> str:
+    """What the colours of a picture of several mean: which sensor is printed in which ink."""
+    used = in_place(sensors)[: _MOST[name]]
+    named = sensor_colour_names(used)
+    texts = [f"{sensor} {named[sensor]}" for sensor in used]
+    if name == "three-colours" and len(used) == 2:
+        texts.append("both green")
+    elif name == "two-colours":
+        texts.append("both dark")
+    return ", ".join(texts)
 
 
 def _odds(layer: Layer) -> Floats:
@@ -168,31 +192,9 @@ def _odds(layer: Layer) -> Floats:
     return odds
 
 
-@dataclass(frozen=True, slots=True)
-class _Placed:
-    """Codes (rows, cols), the outer corner of their cell (0, 0) and the side of a cell, metres."""
-
-    codes: Codes
-    corner_m: tuple[float, float]
-    cell_m: float
-
-
-def _placed_cells(rows: Sequence[_Placed]) -> Columns:
-    """Cells with their places; row 0 lies at the lowest y."""
-    formats = [columns.image_format(row.codes.shape) for row in rows]
-    buffers = [row.codes.tobytes() for row in rows]
-    return [
-        *rr.SegmentationImage.columns(buffer=buffers, format=formats),
-        *rr.Transform3D.columns(
-            translation=[[*row.corner_m, layout.plane_m(layout.ORDER_DISPLAY)] for row in rows],
-            scale=[[row.cell_m] * 3 for row in rows],
-        ),
-    ]
-
-
 def _set_up(sink: Sink, entity: str, picture: Picture) -> None:
     """The colour and the name of each code, and how the picture is laid over the cells."""
-    table = colours(picture.name, len(picture.of), picture.levels)
+    table = colours(picture.name, picture.of, picture.levels)
     named: list[Named] = [(0, "never seen", layout.NEVER_SEEN)]
     each = itertools.product(range(picture.levels), repeat=len(picture.of))
     for code, (digits, (r, g, b)) in enumerate(zip(each, table.tolist(), strict=True), start=1):

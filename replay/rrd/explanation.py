@@ -7,7 +7,7 @@ counter-clockwise from the x axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -27,28 +27,37 @@ from mapping.artifacts import (
     TracerStep,
 )
 from mapping.beams import Beam
+from mapping.fusion import FUSED
+from replay.colours import in_place, sensor_colour_names
 from replay.rrd import layout
 from replay.tables import markdown_table
 
-LEGEND = """\
+MANUAL = """\
+**Keys**: the arrows go one step on or back: in `step` one thing, in `reading` a whole reading.
+Ctrl and the wheel zoom, dragging moves, a double click shows all.
+
 **The map** (grey): white is free, black is occupied, blue-grey was never seen. Point at a cell to
 read its probability.
 
 **One reading** (over the map): red cells become more occupied, blue ones more free;
-the stronger the colour, the stronger the evidence.
+the stronger the colour, the stronger the evidence. The outline is its beam, in the sensor's colour,
+the dots are echoes; teal are the robot and its path. Green walls are the true ones.
 
-**Lines**: the sensor's colour is the beam and its obstacle points, teal the robot and its path,
-green the true walls where they are known. At the end: yellow are cells above the threshold, orange
-their borders, magenta the straight lines fitted to them, violet those fitted to raw points.
+**Results** (after the last reading): yellow are cells above the threshold, cyan their borders,
+magenta the straight lines fitted to them. Lines in a sensor's colour were fitted to its raw points.
+Each step draws the newest in full and pales the others. The end leaves the maps and their lines;
+the tab *With borders and points* keeps the rest.
 
 **Classes** (at the end): black where the sensors agree on occupied, white where they agree on
 empty, red where they contradict each other. What one sensor alone saw has its colour: full where
 occupied, pale where empty.
 
-**Ranges**: measured, and paler what the map so far predicted.
+**Two or three sensors in one picture**: each prints its map in its own ink on white paper, the
+stronger the more occupied. Where both do, the inks lie over each other and come out dark, or green
+in the picture that has green for both.
 
-**Keys**: arrows go one step on or back: in `step` one thing, in `reading` a whole reading.
-Ctrl and the wheel zoom, dragging moves, a double click shows all.
+**Ranges**: measured, with a band as wide as the sensor's error, and paler what the map so far
+predicted.
 """
 
 
@@ -57,13 +66,34 @@ def _started(started: Started) -> str:
     width, height = geometry.size_m
     seconds = (started.last_t_ns - started.first_t_ns) / 1e9
     walls = len(started.walls_m)
-    known = f"The {walls} true walls are known and drawn in green." if walls else ""
+    known = f" The {walls} true walls are known and drawn in green." if walls else ""
     return (
         f"## The empty map\n\n{geometry.cols} × {geometry.rows} cells of "
         f"{geometry.resolution_m:g} m: {width:.4g} m wide, {height:.4g} m high. Nothing has been "
-        f"seen yet.\n\nMaps to be made: **{', '.join(started.layers)}**, from readings over "
-        f"{seconds:.1f} s. {known}\n\nPress the **right arrow key** for the next step."
+        f"seen yet.{known}\n\n**What will happen**: {_plan(started)} from readings over "
+        f"{seconds:.1f} s.\n\nEach reading takes three steps: its beam, its evidence for each "
+        "cell, and the map with it. After the last one come the cells above the threshold, their "
+        "borders, and the walls as lines.\n\nPress the **right arrow key** for the next step; "
+        "the last step reports what came out."
     )
+
+
+def _plan(started: Started) -> str:
+    """Which maps will come of which sensors, in their colours."""
+    layer_of = {sensor.name: sensor.layer for sensor in started.sensors}
+    words = sensor_colour_names([*started.layers, *layer_of], layer_of)
+    parts = []
+    for layer in in_place(started.layers):
+        mine = in_place(name for name, of in layer_of.items() if of == layer)
+        if layer == FUSED:
+            parts.append("**fused**, all of them together")
+        elif len(mine) > 1:
+            named = ", ".join(f"{name} {words[name]}" for name in mine)
+            parts.append(f"**{layer}**, of the sensors {named}")
+        else:
+            parts.append(f"**{layer}** ({words[layer]})")
+    maps = f"{len(parts)} maps come about" if len(parts) > 1 else "a map comes about"
+    return f"{maps}: {'; '.join(parts)};"
 
 
 def _beam(beam: Beam) -> str:
@@ -167,9 +197,10 @@ def _thresholded(thresholded: Thresholded) -> str:
 
 def _classes(classes: Classes) -> str:
     counts = np.bincount(classes.codes.ravel(), minlength=len(classes.names))
+    colours = layout.class_colours(classes.names)
     rows = [
-        (name, layout.class_colour_name(name, number), f"{count:,}")
-        for number, (name, count) in enumerate(zip(classes.names, counts, strict=False))
+        (name, colours[name][1], f"{count:,}")
+        for name, count in zip(classes.names, counts, strict=False)
     ]
     table = markdown_table([("class", "drawn in", "cells"), *rows])
     return f"## Where the sensors agree\n\n{table}"
@@ -288,7 +319,16 @@ _DESCRIBED: dict[type[Artifact], Callable[..., str]] = {
 
 def describe(artifact: Artifact) -> str:
     """Markdown for one step. Raises TypeError for something that is no artifact."""
-    described = _DESCRIBED.get(type(artifact))
-    if described is None:
+    how = _DESCRIBED.get(type(artifact))
+    if how is None:
         raise TypeError(f"{type(artifact).__name__} is no artifact")
-    return described(artifact)
+    return how(artifact)
+
+
+def described(artifact: Artifact, more: Sequence[str]) -> str:
+    """The same with what others have to add; at the end that comes first, since it came out."""
+    text = describe(artifact)
+    if not isinstance(artifact, Finished) or not more:
+        return "\n\n".join([text, *more])
+    heading, _, counts = text.partition("\n\n")
+    return "\n\n".join([heading, *more, counts])

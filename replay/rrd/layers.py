@@ -40,7 +40,7 @@ class Layers:
             made_whole = is_made_whole(name, self._layers)
             tiling = canvas.results_tiling if made_whole else canvas.tiling
             self._tiles[name] = LayerTiles(tiling)
-            scene.set_up_layer(canvas.sink, name, canvas.colour(name))
+            scene.set_up_layer(canvas.sink, name)
             scene.set_up_never_seen(canvas.sink, layout.merged(name), canvas.geometry, UNSEEN)
         return self._tiles[name]
 

@@ -10,23 +10,29 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 from mapping.grid import GridGeometry, Window
+from replay import colours
 
 MAP = "/map"
 GRID = f"{MAP}/grid"
 WALLS = f"{MAP}/walls"
 ROBOT = f"{MAP}/robot"
 PATH = f"{MAP}/path"
+KEPT_PATH = f"{MAP}/kept_path"
+AXES = f"{MAP}/axes"
 CLASSES = f"{MAP}/classes"
 RANGES = "/ranges"
+PLOT = "/range_plot"
+PLOT_CURSOR = f"{PLOT}/now"
 EXPLANATION = "/explanation"
 CONFIG = "/config"
-LEGEND = "/legend"
+LEGEND, CLASSES_LEGEND, MANUAL = "/legend", "/legend_of_classes", "/manual"
 STEPS = "/steps"
 NOTICE = "/notice"
+MATTERS = "/readings_that_matter"
 VALUE_LOG = "/histories"
 MAPS = "/maps"  # the names of several maps in one recording
 PROBES = "/probes"
@@ -36,13 +42,16 @@ THRESHOLDS = f"{MAP}/thresholds"
 PROBE_MARKS = f"{MAP}/probes"
 
 STEP, READING, TIME = "step", "reading", "time"
+# Tabs that texts name.
+CLASSES_TITLE = "classes: where the sensors agree"
+KEPT_TITLE = "With borders and points"
 
 # What is drawn over what, from below. Up to the patch they are grids, each in a plane of its own.
 ORDER_NEVER_SEEN, ORDER_TILES, ORDER_CLASSES, ORDER_THRESHOLDED = -1.0, 0.0, 1.0, 2.0
 ORDER_DISPLAY, ORDER_PATCH = 3.0, 4.0
 ORDER_WALLS, ORDER_BORDERS, ORDER_PATH, ORDER_POINTS = 5.0, 6.0, 7.0, 8.0
 ORDER_SEGMENTS, ORDER_BEAM, ORDER_ROBOT, ORDER_PROBE = 9.0, 10.0, 11.0, 12.0
-ORDER_STAGES = 9.5
+ORDER_STAGES, ORDER_AXES = 9.5, 13.0
 
 # Grids whose planes are closer than a millimetre lie in one plane, for the viewer. Pictures of one
 # kind that touch in a plane count as transparent, however opaque they are; and among transparent
@@ -54,36 +63,35 @@ TILE_SHRINKAGE = 3e-5
 Colour = tuple[int, int, int, int]
 Place = tuple[int, int]  # of a tile among the tiles: row and column, counted from the lower left
 
-NEVER_SEEN: Colour = (150, 158, 178, 255)
-MORE_OCCUPIED: Colour = (214, 39, 40, 255)
-MORE_FREE: Colour = (31, 100, 210, 255)
-WALL: Colour = (46, 160, 67, 200)
-BORDER: Colour = (255, 150, 30, 255)
-SEGMENT: Colour = (230, 0, 160, 255)
-RAW_SEGMENT: Colour = (130, 60, 220, 255)
-OCCUPIED: Colour = (255, 205, 0, 150)
-ROBOT_COLOUR: Colour = (0, 150, 136, 255)
-PATH_COLOUR: Colour = (0, 150, 136, 150)
+
+def opaque(colour: colours.Colour) -> Colour:
+    """A colour that nothing shines through."""
+    return (*colour, 255)
+
+
+NEVER_SEEN: Colour = opaque(colours.NEVER_SEEN)
+MORE_OCCUPIED: Colour = opaque(colours.MORE_OCCUPIED)
+MORE_FREE: Colour = opaque(colours.MORE_FREE)
+WALL: Colour = (*colours.TRUE_WALL, 200)
+BORDER: Colour = opaque(colours.BORDER)
+SEGMENT: Colour = opaque(colours.LINE)
+PALE_SEGMENT: Colour = opaque(colours.pale(colours.LINE, 0.6))
+PALE_BORDER: Colour = opaque(colours.pale(colours.BORDER, 0.6))
+OCCUPIED: Colour = (*colours.ABOVE_THRESHOLD, 150)
+ROBOT_COLOUR: Colour = opaque(colours.ROBOT)
+PATH_COLOUR: Colour = (*colours.ROBOT, 150)
 PROBE: Colour = (255, 0, 255, 255)
 PAPER: Colour = (245, 245, 240, 255)
 INK: Colour = (70, 75, 90, 255)
 STAGE_PIECE: Colour = (0, 150, 255, 255)
 STAGE_PLACE: Colour = (220, 0, 0, 255)
-# One colour a sensor, in the map and in the plot of ranges.
-SENSORS: tuple[Colour, ...] = (
-    (255, 105, 0, 255), (0, 114, 190, 255), (126, 47, 142, 255), (90, 150, 20, 255),
-    (160, 80, 40, 255), (0, 160, 170, 255),
-)  # fmt: skip
-# Of the class map: by name where the name has one, and for one sensor alone by number.
-_CLASS_COLOURS: dict[str, Colour] = {
-    "unknown": NEVER_SEEN, "agree occupied": (0, 0, 0, 255), "agree empty": (255, 255, 255, 255),
-    "contradict": (220, 30, 30, 255),
+# Of the class map; what one sensor alone saw has the colour of its layer.
+_CLASS_COLOURS: dict[str, tuple[Colour, str]] = {
+    "unknown": (NEVER_SEEN, "blue-grey"), "agree occupied": ((0, 0, 0, 255), "black"),
+    "agree empty": ((255, 255, 255, 255), "white"),
+    "contradict": (opaque(colours.CONTRADICTION), "red"),
 }  # fmt: skip
-_ALONE_NAMES = ("orange", "blue", "purple", "green", "brown", "teal")
-_ALONE_OCCUPIED: tuple[Colour, ...] = (
-    (200, 85, 0, 255), (0, 80, 150, 255), (100, 30, 115, 255), (60, 110, 10, 255),
-    (110, 50, 20, 255), (0, 110, 120, 255),
-)  # fmt: skip
+_ALONE = " alone "
 
 GROUP = 32  # borders or segments that share an entity
 
@@ -93,24 +101,23 @@ _TILE, _MOST_TILES = 80, 1024
 _RESULTS_TILE = 1024  # what the smallest graphics cards take as one picture
 
 
-def class_colour(name: str, number: int) -> Colour:
-    """Colour of a class: ``... alone empty`` is a pale, ``... alone occupied`` a full colour."""
-    if name in _CLASS_COLOURS:
-        return _CLASS_COLOURS[name]
-    pair = max(number - len(_CLASS_COLOURS), 0) // 2
-    r, g, b, a = _ALONE_OCCUPIED[pair % len(_ALONE_OCCUPIED)]
-    if name.endswith("empty"):
-        return (r + 3 * (255 - r) // 4, g + 3 * (255 - g) // 4, b + 3 * (255 - b) // 4, a)
-    return (r, g, b, a)
+def class_colours(names: Sequence[str]) -> dict[str, tuple[Colour, str]]:
+    """The colour of each class, and the same in words.
 
-
-def class_colour_name(name: str, number: int) -> str:
-    """The same in a word."""
-    names = {"unknown": "blue-grey", "agree occupied": "black", "agree empty": "white",
-             "contradict": "red"}  # fmt: skip
-    pair = max(number - len(_CLASS_COLOURS), 0) // 2
-    alone = _ALONE_NAMES[pair % len(_ALONE_NAMES)]
-    return names.get(name, f"pale {alone}" if name.endswith("empty") else alone)
+    ``... alone empty`` is pale, ``... alone occupied`` the layer's full colour.
+    """
+    layers = [name.partition(_ALONE)[0] for name in names if _ALONE in name]
+    found, words = colours.sensor_colours(layers), colours.sensor_colour_names(layers)
+    each = {}
+    for name in names:
+        layer, alone, state = name.partition(_ALONE)
+        if not alone:
+            each[name] = _CLASS_COLOURS.get(name, _CLASS_COLOURS["unknown"])
+        elif state == "empty":
+            each[name] = (opaque(colours.pale(found[layer])), f"pale {words[layer]}")
+        else:
+            each[name] = (opaque(found[layer]), words[layer])
+    return each
 
 
 def plane_m(order: float) -> float:
@@ -133,6 +140,7 @@ temp = _below("temp")  # the evidence of the newest reading, over the map
 change = _below("what_changed")  # what the newest reading changed, over the map
 beam = _below("beam")  # the outline of the newest one
 points = _below("points")  # obstacle points, one reading at a time
+kept = _below("kept")  # what the end takes off the map: switched on, it lies there again
 raw_points = _below("raw_points")  # all of them together, at the end
 thresholded = _below("thresholded")  # the root of tiles: the occupied cells, over the map
 borders = _below("borders")  # the root of numbered groups
@@ -147,6 +155,11 @@ def tile(root: str, row: int, col: int) -> str:
 def never_seen(root: str) -> str:
     """What lies below all tiles of a root: cells that no reading ever touched."""
     return f"{root}/never_seen"
+
+
+def of_sensor(root: str, layer: str, sensor: str) -> str:
+    """What a sensor has below a root of its layer: each of several has a place of its own."""
+    return root if sensor == layer else f"{root}/{part(sensor)}"
 
 
 def root_of(name: str) -> str:
@@ -197,6 +210,11 @@ def segments(layer: str, source: str) -> str:
 def group(root: str, number: int) -> str:
     """One group of ``GROUP`` borders or segments below a root."""
     return f"{root}/g{number:03d}"
+
+
+def newest(root: str) -> str:
+    """The border or segment of a root that the step is about."""
+    return f"{root}/newest"
 
 
 def sensor_range(sensor: str) -> str:

@@ -6,7 +6,6 @@ lost, and nothing else.
 
 from __future__ import annotations
 
-import functools
 import logging
 import socket
 import time
@@ -16,7 +15,6 @@ from collections.abc import Callable
 import rerun as rr
 
 from mapping.artifacts import Artifact, Started
-from replay.rrd.blueprints import default_blueprint
 from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.sink import Sink, new_recording
 from replay.rrd.thinning import Detail
@@ -31,13 +29,18 @@ _log = logging.getLogger(__name__)
 class LiveWriter:
     """Shows each run of artifacts in the viewer at ``url``; a grown map is a new recording there.
 
-    ``now_s`` is a steady clock.
+    ``drawer`` makes what draws one run, ``now_s`` is a steady clock.
     """
 
     def __init__(
-        self, url: str, *, config_text: str, name: str, now_s: Callable[[], float] = time.monotonic
+        self,
+        url: str,
+        *,
+        drawer: Callable[[], RunDrawer],
+        name: str,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
-        self._url, self._config_text, self._name, self._now_s = url, config_text, name, now_s
+        self._url, self._new_drawer, self._name, self._now_s = url, drawer, name, now_s
         self._drawer: RunDrawer | None = None
         self._recording: rr.RecordingStream | None = None
         self._shown_s = 0.0
@@ -65,8 +68,7 @@ class LiveWriter:
         self._is_gone = True
 
     def _begin(self, started: Started) -> None:
-        blueprint = functools.partial(default_blueprint, following=True)
-        self._drawer = RunDrawer(self._config_text, blueprint=blueprint)
+        self._drawer = self._new_drawer()
         self._shown_s = self._now_s()
         self._is_gone = not _somebody_listens(self._url)
         if self._is_gone:

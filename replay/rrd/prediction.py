@@ -22,28 +22,39 @@ class PredictionOverlay:
 
     def __init__(self, threshold: float) -> None:
         self._threshold = threshold
-        self._predictor = RangePredictor(threshold)
+        self.predictor = RangePredictor(threshold)
+        self.newest_m = np.nan  # of the newest reading; NaN where nothing is predicted
+        self._scans: set[str] = set()
 
     def start(self, canvas: Canvas, started: Started) -> None:
         """Know the grid."""
-        self._predictor(started)
+        self.predictor(started)
 
     def draw(self, canvas: Canvas, artifact: Artifact, *, shown: bool) -> str:
         """A point of the plot at each beam, and how well the map knew it, as text."""
         if not isinstance(artifact, Beam):
-            self._predictor(artifact)
+            self.predictor(artifact)
             return ""
+        self.newest_m = np.nan
+        if len(artifact.ranges_m) > 1:
+            self._scans.add(artifact.sensor)
         if not shown:
             return ""
-        predicted = float(self._predictor.ranges_m(artifact).min(initial=np.inf))
+        predicted = float(self.predictor.ranges_m(artifact).min(initial=np.inf))
         measured = float(artifact.ranges_m[artifact.saw_something].min(initial=np.inf))
         entity = layout.predicted_range(artifact.sensor)
         colour = canvas.colour(artifact.sensor)
-        canvas.prepare(entity, _set_up, f"{artifact.sensor}, predicted", colour)
+        nearest = ", nearest" if self.scans(artifact.sensor) else ""
+        canvas.prepare(entity, _set_up, f"{artifact.sensor}{nearest}, predicted", colour)
         # Where the map predicts nothing the plot has a gap; the number itself is inf.
-        canvas.add(entity, columns.scalars, predicted if np.isfinite(predicted) else np.nan)
+        self.newest_m = predicted if np.isfinite(predicted) else np.nan
+        canvas.add(entity, columns.scalars, self.newest_m)
         canvas.add(entity, columns.number_records, np.array([predicted]))
         return _explained(measured, predicted, self._threshold)
+
+    def scans(self, sensor: str) -> bool:
+        """Whether a sensor takes many ranges at once, of which the nearest is plotted."""
+        return sensor in self._scans
 
 
 def _explained(measured_m: float, predicted_m: float, threshold: float) -> str:

@@ -14,8 +14,9 @@ from mapping.probing import BEHIND, CellProbe, Touch
 from replay import probe_text
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
-from replay.rrd.sink import Columns, Sink, Stamp
+from replay.rrd.sink import Sink, Stamp
 
+_CHANGED = 0.01  # of probability: what is less is not to be seen in the plot
 _HAIR_SHARE = 0.03  # of the grid's diagonal: the four strokes that point at the cell
 
 
@@ -28,6 +29,12 @@ class ProbeOverlay:
         self._layers: tuple[str, ...] = ()
         self._first = Stamp(0, 0, 0)
         self._plotted: set[str] = set()
+        self._changed: dict[int, tuple[int, int]] = {}
+
+    @property
+    def changed_steps(self) -> list[tuple[int, int] | None]:
+        """Of each probe the first and the last step so far that changed its cell."""
+        return [self._changed.get(number) for number in range(len(self._probes))]
 
     def start(self, canvas: Canvas, started: Started) -> None:
         """A mark on the map for each cell, and its story before the first reading."""
@@ -51,10 +58,15 @@ class ProbeOverlay:
         self._listed[number] = len(probe.touches)
         for touch in new:
             line = probe_text.touch_text(touch)
-            canvas.add(layout.probe_log(number), _log_lines, (line, _level(touch)), len(line))
+            canvas.add(
+                layout.probe_log(number), columns.log_lines, (line, _level(touch)), len(line)
+            )
         if not isinstance(artifact, Finished):
             layer = artifact.layer if isinstance(artifact, MergedGrid) else artifact.layer.name
             self._plot(canvas, number, probe, layer, new)
+        if any(abs(touch.effect) > _CHANGED for touch in new):
+            step = canvas.stamp.step
+            self._changed[number] = self._changed.get(number, (step, step))[0], step
         if isinstance(artifact, Finished) or (shown and any(touch.effect for touch in new)):
             self._write(canvas, number, probe)
         if not new:
@@ -83,11 +95,6 @@ class ProbeOverlay:
 def _level(touch: Touch) -> str:
     """Readings that leave the cell as it is are written paler."""
     return "DEBUG" if touch.zone == BEHIND else "INFO"
-
-
-def _log_lines(rows: Sequence[tuple[str, str]]) -> Columns:
-    """Lines of a log, each with its level."""
-    return list(rr.TextLog.columns(text=[r[0] for r in rows], level=[r[1] for r in rows]))
 
 
 def _mark(canvas: Canvas, number: int, probe: CellProbe) -> None:

@@ -140,7 +140,8 @@ class RrdRecording:
         thresholds = [row for _, row in self._file.rows(root, "numbers")]
         if not thresholds:
             return None
-        return float(thresholds[-1].numbers[0]), self._newest_picture(root).astype(bool)
+        last = thresholds[-1]  # the end clears the picture
+        return float(last.numbers[0]), self._newest_picture(root, last.step).astype(bool)
 
     def classes(self) -> tuple[tuple[str, ...], NDArray[np.uint8]] | None:
         """Names and codes, (rows, cols), of the last class map."""
@@ -200,10 +201,10 @@ class RrdRecording:
             raise BadInput(f"{self.path}: step {step} holds no exact values of {layer}{hint}")
         return step
 
-    def _newest_picture(self, root: str) -> NDArray[np.uint8]:
+    def _newest_picture(self, root: str, step: int | None = None) -> NDArray[np.uint8]:
         """Tiles that were never drawn hold class 0."""
         picture = np.zeros(self.geometry.shape, np.uint8)
-        for window, row in self._newest_tiles(root, "SegmentationImage:buffer", None):
+        for window, row in self._newest_tiles(root, "SegmentationImage:buffer", step):
             picture[window.slices] = row.numbers.reshape(window.rows, window.cols)
         return picture
 

@@ -36,9 +36,9 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
     canvas.add(layout.ROBOT, columns.arrows, np.stack([here - towards, towards]))
     canvas.leave(layout.PATH, here[None], scene.set_up_path)
     outline = beam_outline(beam)
-    canvas.add_for_now(
-        layout.beam(beam.layer), columns.strips, outline, _NO_STRIPS, sum(s.nbytes for s in outline)
-    )
+    entity = layout.of_sensor(layout.beam(beam.layer), beam.layer, beam.sensor)
+    canvas.prepare(entity, scene.set_up_beam, canvas.colour(beam.sensor))
+    canvas.add_for_now(entity, columns.strips, outline, _NO_STRIPS, sum(s.nbytes for s in outline))
     _draw_points(canvas, beam)
     _draw_range(canvas, beam)
     _record(canvas, beam)
@@ -93,12 +93,22 @@ def _clear_png(side: int) -> bytes:
 
 
 def _draw_points(canvas: Canvas, beam: Beam) -> None:
-    """A ranger's echoes gather; the points of a scan are many, and each scan stays a row."""
-    entity, points_m = layout.points(beam.layer), beam.points_m
-    if len(beam.ranges_m) > 1 and len(points_m):
-        canvas.add(entity, columns.points, points_m, points_m.nbytes)
+    """A ranger's echoes gather; the points of a scan are many, so they go with it."""
+    entity = layout.of_sensor(layout.points(beam.layer), beam.layer, beam.sensor)
+    points_m, colour = beam.points_m, canvas.colour(beam.sensor)
+    if len(beam.ranges_m) > 1:
+        canvas.prepare(entity, scene.set_up_points, colour)
+        canvas.add_for_now(entity, columns.points, points_m, np.zeros((0, 2)), points_m.nbytes)
     elif len(points_m):
-        canvas.leave(entity, points_m, scene.set_up_points, canvas.colour(beam.layer))
+        canvas.leave(entity, points_m, scene.set_up_points, colour)
+
+
+def draw_end(canvas: Canvas) -> NDArray[np.float64]:
+    """Take the robot, its path and all points away; the path, (N, 2), metres."""
+    canvas.wipe()
+    canvas.add(layout.ROBOT, columns.no_arrows, None)
+    dots_m = {entity: canvas.lift(entity) for entity in canvas.trails}
+    return dots_m.get(layout.PATH, np.zeros((0, 2)))
 
 
 def _draw_range(canvas: Canvas, beam: Beam) -> None:

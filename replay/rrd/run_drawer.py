@@ -13,20 +13,26 @@ from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.probing import CellProbe
+from replay.colours import sensor_colours
 from replay.probe_text import name_of
 from replay.rrd import columns, layout, properties, readings, scene
-from replay.rrd.blueprints import default_blueprint
+from replay.rrd.blueprints import Watched, default_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.display_layers import DisplayOverlay
-from replay.rrd.explanation import describe, layer_of
+from replay.rrd.explanation import described, layer_of
 from replay.rrd.layers import Layers
+from replay.rrd.legend import LegendOverlay
+from replay.rrd.outcome import OutcomeOverlay
 from replay.rrd.prediction import PredictionOverlay
 from replay.rrd.probe import ProbeOverlay
+from replay.rrd.range_plot import RangePlotOverlay
 from replay.rrd.results import Results
 from replay.rrd.sink import RowBuffer, Sink, Stamp
 from replay.rrd.steps import StepList
 from replay.rrd.thinning import Detail
 from replay.rrd.thresholds import ThresholdsOverlay
+
+_PLOTTED_A_MB = 60  # points of a sensor in the plot of ranges, for each megabyte that there is
 
 
 class Overlay(Protocol):
@@ -54,8 +60,10 @@ class RunDrawer:
         *,
         overlays: Sequence[Overlay] = (),
         blueprint: Callable[[Started], rrb.Blueprint] = default_blueprint,
+        last_blueprint: Callable[[Started], rrb.Blueprint] | None = None,
         explain: bool = True,
     ) -> None:
+        self._last_blueprint = last_blueprint
         self._config_text, self._overlays, self._explain = config_text, tuple(overlays), explain
         self._blueprint = blueprint
 
@@ -65,11 +73,18 @@ class RunDrawer:
             raise TypeError(f"the first artifact is Started, not {type(first).__name__}")
         return self._blueprint(first)
 
+    def last_blueprint(self) -> rrb.Blueprint | None:
+        """How the viewer is laid out when all is known, where that is another way."""
+        return None if self._last_blueprint is None else self._last_blueprint(self._started)
+
     def begin(self, sink: Sink, first: Artifact) -> None:
         """Lay out the empty map, with every layer unseen."""
         assert isinstance(first, Started)
         self._started = first
-        self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns))
+        layer_of = {sensor.name: sensor.layer for sensor in first.sensors}
+        found = sensor_colours(first.layers, layer_of)
+        colours = {name: layout.opaque(colour) for name, colour in found.items()}
+        self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns), colours)
         self._steps = StepList(self.canvas.rows)
         self._layers = Layers(self.canvas, first.layers)
         self._results = Results(self.canvas, self._layers)
@@ -96,6 +111,7 @@ class RunDrawer:
         texts = [each.draw(canvas, artifact, shown=shown) for each in self._overlays]
         match artifact:
             case Beam():
+                self._results.clear()
                 layers.set_up(artifact.layer)
                 if shown:
                     readings.draw_beam(canvas, artifact)
@@ -110,6 +126,7 @@ class RunDrawer:
                 if shown and detail.changes:
                     readings.draw_change(canvas, artifact)
             case Finished():
+                self._results.finish(readings.draw_end(canvas))
                 texts.append(detail.left_out)
                 properties.note_end(canvas.sink, artifact)
             case _:
@@ -145,7 +162,7 @@ class RunDrawer:
     def _record(self, artifact: Artifact, more: Sequence[str] = ()) -> None:
         """Describe the step in markdown, and list it for the reader."""
         if self._explain:
-            text = "\n\n".join([describe(artifact), *filter(None, more)])
+            text = described(artifact, [*filter(None, more)])
             self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
         kind, stamp = type(artifact).__name__, self.canvas.stamp
         self._steps.add(stamp, kind, layer_of(artifact), self._layers.exact)
@@ -157,7 +174,11 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
     Each probe must take an artifact before the drawer does.
     """
     section, borders = config.rerun, config.borders
-    overlays: list[Overlay] = [PredictionOverlay(borders.threshold)]
+    prediction = PredictionOverlay(borders.threshold)
+    overlays: list[Overlay] = [
+        prediction, OutcomeOverlay(prediction.predictor, config.borders.threshold), LegendOverlay(),
+        RangePlotOverlay(prediction, most_points=max(round(_PLOTTED_A_MB * section.budget_mb), 20)),
+    ]  # fmt: skip
     if section.display:
         overlays.append(
             DisplayOverlay(
@@ -166,10 +187,35 @@ def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -
         )
     if borders.compare:
         overlays.append(ThresholdsOverlay(borders))
+    watching = ProbeOverlay(probes)
     if probes:
-        overlays.append(ProbeOverlay(probes))
-    blueprint = functools.partial(
-        default_blueprint, displays=section.display, thresholds=borders.compare,
-        probes=[name_of(probe) for probe in probes],
+        overlays.append(watching)
+
+    def blueprint(started: Started) -> rrb.Blueprint:
+        watched = [
+            Watched(name_of(probe), probe.at_m, steps)
+            for probe, steps in zip(probes, watching.changed_steps, strict=True)
+        ]
+        return default_blueprint(
+            started, displays=section.display, thresholds=borders.compare, probes=watched
+        )
+
+    return RunDrawer(
+        commented_toml(config), overlays=overlays, blueprint=blueprint,
+        last_blueprint=blueprint if probes else None,
     )  # fmt: skip
+
+
+def live_drawer(config: MappingConfig) -> RunDrawer:
+    """The drawer of a run that goes on: in the colours and places of a finished one, at its end.
+
+    What looks at a run as a whole, or at maps in several ways, is left to the recording.
+    """
+    prediction = PredictionOverlay(config.borders.threshold)
+    overlays: list[Overlay] = [
+        prediction,
+        OutcomeOverlay(prediction.predictor, config.borders.threshold),
+        LegendOverlay(),
+    ]
+    blueprint = functools.partial(default_blueprint, following=True)
     return RunDrawer(commented_toml(config), overlays=overlays, blueprint=blueprint)

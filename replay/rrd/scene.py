@@ -15,8 +15,9 @@ import rerun as rr
 from mapping.artifacts import Started
 from mapping.grid import GridGeometry
 from replay.rrd import layout
+from replay.rrd.axes import frame_of, set_up_axes, whole_frame
 from replay.rrd.columns import image_format
-from replay.rrd.explanation import LEGEND
+from replay.rrd.explanation import MANUAL
 from replay.rrd.layout import Colour, Place, Tiling
 from replay.rrd.pictures import Named, percent_names
 from replay.rrd.sink import Sink
@@ -30,6 +31,9 @@ def set_up(sink: Sink, started: Started, config_text: str) -> None:
     """Everything that all layers share."""
     set_up_plane(sink)
     geometry = started.geometry
+    frames = {frame.name: frame for frame in (frame_of(started), whole_frame(geometry))}
+    for frame in frames.values():
+        set_up_axes(sink, frame)
     where = np.array([*geometry.origin_m, geometry.resolution_m], np.float64)
     sink.log(layout.GRID, rr.AnyValues(
         where_m=where, shape=np.array(geometry.shape, np.int64), layers=list(started.layers),
@@ -55,7 +59,7 @@ def set_up_plane(sink: Sink) -> None:
 def set_up_texts(sink: Sink, config_text: str) -> None:
     """What stands beside the maps: the explanations to come, the legend, the configuration."""
     set_up_markdown(sink, layout.EXPLANATION)
-    sink.log(layout.LEGEND, rr.TextDocument(LEGEND, media_type=_MARKDOWN))
+    sink.log(layout.MANUAL, rr.TextDocument(MANUAL, media_type=_MARKDOWN))
     sink.log(layout.CONFIG, rr.TextDocument(config_text, media_type="text/plain"))
 
 
@@ -64,14 +68,21 @@ def set_up_markdown(sink: Sink, entity: str) -> None:
     sink.log(entity, rr.TextDocument.from_fields(media_type=_MARKDOWN))
 
 
-def set_up_layer(sink: Sink, layer: str, colour: Colour) -> None:
-    """The styles of one layer's overlays and lines; its sensor's things are in ``colour``."""
+def set_up_layer(sink: Sink, layer: str) -> None:
+    """The styles of one layer's cells."""
     set_up_opaque(sink, layout.merged(layer), percent_names())
+    set_up_above_threshold(sink, layout.thresholded(layer))
+
+
+def set_up_above_threshold(sink: Sink, entity: str) -> None:
+    """The style of the cells above the threshold, over the map."""
     occupied = [(0, "", (0, 0, 0, 0)), (1, "above the threshold", layout.OCCUPIED)]
-    _colour_table(sink, layout.thresholded(layer), occupied)
-    _lines(sink, layout.beam(layer), colour, -1.5, layout.ORDER_BEAM)
-    for entity in (layout.points(layer), layout.raw_points(layer)):
-        set_up_points(sink, entity, colour)
+    _colour_table(sink, entity, occupied)
+
+
+def set_up_beam(sink: Sink, entity: str, colour: Colour) -> None:
+    """The style of the outline of a beam."""
+    _lines(sink, entity, colour, -1.5, layout.ORDER_BEAM)
 
 
 def set_up_patches(sink: Sink, entity: str) -> None:
@@ -118,16 +129,30 @@ def set_up_never_seen(sink: Sink, root: str, geometry: GridGeometry, number: int
 
 
 def set_up_borders(sink: Sink, entity: str) -> None:
-    """The style of a group of borders; its label shows where it is pointed at."""
-    _lines(sink, entity, layout.BORDER, -1.0, layout.ORDER_BORDERS)
-    sink.log(entity, rr.LineStrips2D.from_fields(show_labels=False))
+    """The style of borders whose colour is logged with them; labels show where one points."""
+    _labelled_lines(sink, entity, -1.0, layout.ORDER_BORDERS)
 
 
-def set_up_segments(sink: Sink, entity: str, raw: bool) -> None:
-    """The style of a group of segments, of raw points or of a grid."""
-    colour = layout.RAW_SEGMENT if raw else layout.SEGMENT
-    _lines(sink, entity, colour, -2.5, layout.ORDER_SEGMENTS)
-    sink.log(entity, rr.LineStrips2D.from_fields(show_labels=False))
+def set_up_segments(sink: Sink, entity: str) -> None:
+    """The style of segments whose colour is logged with them."""
+    _labelled_lines(sink, entity, -2.5, layout.ORDER_SEGMENTS)
+
+
+def _labelled_lines(sink: Sink, entity: str, radius: float, order: float) -> None:
+    style = rr.LineStrips2D.from_fields(radii=[radius], draw_order=order, show_labels=False)
+    sink.log(entity, style)
+
+
+def set_up_newest(sink: Sink, entity: str, colour: Colour) -> None:
+    """The style of the border or segment that a step is about."""
+    _lines(sink, entity, colour, -2.5, layout.ORDER_STAGES)
+
+
+def set_up_kept_cells(sink: Sink, entity: str) -> None:
+    """The style of a picture of the cells above the threshold that lie apart from the map."""
+    set_up_above_threshold(sink, entity)
+    look = rr.SegmentationImage.from_fields(opacity=0.999, draw_order=layout.ORDER_THRESHOLDED)
+    sink.log(entity, look)
 
 
 def set_up_two_classes(sink: Sink, root: str, first: str, second: str) -> None:
@@ -158,7 +183,8 @@ def set_up_sensor(sink: Sink, entity: str, name: str, colour: Colour) -> None:
 
 def set_up_classes(sink: Sink, _: str, names: Sequence[str]) -> None:
     """Names and colours of the class map."""
-    named = [(number, name, layout.class_colour(name, number)) for number, name in enumerate(names)]
+    colours = layout.class_colours(names)
+    named = [(number, name, colours[name][0]) for number, name in enumerate(names)]
     set_up_opaque(sink, layout.CLASSES, named)
     sink.log(layout.CLASSES, rr.AnyValues(names=list(names)))
 

@@ -40,6 +40,9 @@ class Drawer(Protocol[Item]):
     def blueprint(self, first: Item) -> rrb.Blueprint:
         """How the viewer is laid out. Raises TypeError where nothing begins so."""
 
+    def last_blueprint(self) -> rrb.Blueprint | None:
+        """How the viewer is laid out when all is known, where that is another way."""
+
     def begin(self, sink: Sink, first: Item) -> None:
         """Lay out the empty map."""
 
@@ -147,6 +150,9 @@ class RrdWriter(Generic[Item]):
         if self._recording is None or self._beside is None:
             return
         self._flush()
+        last = self._drawer.last_blueprint()
+        if last is not None:
+            self._recording.send_blueprint(last, make_active=False, make_default=True)
         self._recording.disconnect()
         self._recording = None
         size = self.part.stat().st_size
