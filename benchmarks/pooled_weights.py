@@ -112,7 +112,7 @@ def sample(
             each.merge_many(readings)
     looking = place_session(messages, with_silent_readings(config))
     ((name, made),) = maps.items()
-    return sample_of(made.layer(), observable_cells(looking, truth, geometry)[name], truth)
+    return sample_of(made.state, observable_cells(looking, truth, geometry)[name], truth)
 
 
 def learned(medium: str, seed: int) -> Weights:

@@ -93,9 +93,6 @@ class Pooled(UpdateRule):
         total = np.where(cells["misses"] == 0.0, held, total)
         return expit(MOST * np.tanh(total / MOST))
 
-    def extra(self, cells: Cells) -> dict[str, Floats]:
-        return dict(cells)
-
     def terms(self, cells: Cells) -> dict[str, Floats]:
         return {name.replace("_m", "").replace("_", " "): term
                 for name, term in self._weighted(cells).items()}  # fmt: skip

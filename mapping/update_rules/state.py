@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.artifacts import MergedGrid, TempGrid
+from mapping.artifacts import MergedGrid, Sums, TempGrid
 from mapping.grid import GridGeometry, Layer, Window, read_only
 from mapping.names import choose
 from mapping.update_rules.rules import (
@@ -100,12 +100,15 @@ class MapState:
         here = temp.window.slices
         previous = self._probability[here].copy()
         before = self._largest_in(temp.window)
+        old = self._kept_sums(temp.window)
         if kernel is None:
             self._merge_cells(temp)
         elif not temp.window.empty:
             self._change(temp.window, kernel)
         self._follow_largest(temp.window, before)
-        cells = self._cut(temp.window)
+        cells, sums = self._cut(temp.window), None
+        if old is not None:
+            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule.terms)
         probability = self.rule.probability(cells, self._largest).astype(np.float32)
         values = probability
         if not self._values_are_probabilities:
@@ -118,7 +121,7 @@ class MapState:
         return MergedGrid(
             beam=temp.beam, layer=temp.beam.layer, rule=self.rule.name, kind=self.rule.kind,
             geometry=self.geometry, window=temp.window, values=values, probability=probability,
-            previous=previous,
+            previous=previous, sums=sums,
         )  # fmt: skip
 
     def merge_many(self, kernel: Kernel) -> None:
@@ -192,6 +195,12 @@ class MapState:
             log_odds: Floats = self._steps[window.slices] * STEP
             return {"log_odds": log_odds}
         return {name: array[window.slices] for name, array in self._arrays.items()}
+
+    def _kept_sums(self, window: Window) -> Cells | None:
+        """A copy of the cells of a window, for a rule whose sums somebody may ask about."""
+        if type(self.rule).terms is UpdateRule.terms:
+            return None
+        return {name: array.copy() for name, array in self._cut(window).items()}
 
     def _largest_in(self, window: Window) -> float:
         if not self.rule.against_largest:

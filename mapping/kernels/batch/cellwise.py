@@ -177,7 +177,8 @@ def add_cellwise(
 
     ``cells`` (K, rows, cols) is the rule's: the sum alone (SUM), or the masses occupied, empty,
     unknown and the conflict (MASSES), or evidence for and against (EVIDENCE). ``observed``
-    (rows, cols) gets the cells of which anything was said. The tables of S sensors are those of ``cell_tables``.
+    (rows, cols) gets the cells of which anything was said. The tables of S sensors are those of
+    ``cell_tables``.
     """
     rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
