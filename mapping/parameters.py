@@ -96,6 +96,8 @@ class Sensor:
     second_grid: bool
     no_echo: str
     clear_to_m: float | None = None  # None: to the beam's end
+    mark_to_m: float | None = None  # None: at any range
+    forget_s: float | None = None  # None: never
     own: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     if not TYPE_CHECKING:  # in our own code a misspelt name stays an error

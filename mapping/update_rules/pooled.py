@@ -70,7 +70,8 @@ class Pooled(UpdateRule):
         rho, range_m = _distances(temp)
         band, arc_end = temp.band, arc_end_m(range_m, temp.geometry.resolution_m)
         free = temp.free & (temp.probability != 0.5) & ~band
-        fade_m, seen = self.learned.fade_m, np.isfinite(range_m)
+        fade_m = self.learned.fade_m
+        seen = np.isfinite(range_m) & (range_m <= temp.beam.mark_to_m)
         for name, those, metres in (("hits", band, range_m), ("misses", free, rho)):
             share = in_steps(1.0 / (1.0 + np.square(metres / fade_m)))
             cells[name] += np.where(those, share, 0.0)
