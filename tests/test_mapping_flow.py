@@ -90,6 +90,12 @@ def test_shared_rooms(shared_data: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("rule", RULES)
+def test_a_map_that_forgets(rule: str) -> None:
+    messages = list(read_session(LOGS / "room.mcap").messages())[:600]
+    assert_one_map(messages, "sensors.ping.forget_s=3", f"sensors.*.update={rule}")
+
+
+@pytest.mark.parametrize("rule", RULES)
 def test_obstacles_too_far_to_be_marked(rule: str) -> None:
     messages = list(read_session(LOGS / "room.mcap").messages())[:600]
     near = ["sensors.*.mark_to_m=0.5", f"sensors.*.update={rule}"]

@@ -105,7 +105,8 @@ def ends_of(
     """Range, end of the front and end of the band of each reading, in the shape of ``ranges_m``.
 
     A range of +Inf saw nothing: it has its front up to ``reach_m`` and no band where it
-    ``empties`` its beam, and so has one beyond ``mark_to_m``. It says nothing where it does not, and neither does NaN nor a negative.
+    ``empties`` its beam; one beyond ``mark_to_m`` has no band either. A range says nothing where
+    it does not empty, and neither does NaN nor a negative.
     """
     ranges = np.asarray(ranges_m, np.float64)
     seen = np.isfinite(ranges) & (ranges >= 0.0)
