@@ -147,7 +147,7 @@ def _fading_row(sensor: Sensor) -> tuple[float, ...]:
 
 class _FadingReadings(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch.fading import add_fading
+        from mapping.kernels.loops import add_fading
 
         table = np.array([_fading_row(sensor) for sensor in self.sensors])
         in_parts(add_fading, *target, self.columns(readings, rows), table, threads=threads)
@@ -168,7 +168,7 @@ class _RegionReadings(_Kernel):
         self._tables = tables_of(known)
 
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch.regions import add_regions
+        from mapping.kernels.loops import add_regions
 
         columns = self.columns(readings, rows)
         in_parts(add_regions, *target, columns, *self._tables, threads=threads)
@@ -176,13 +176,13 @@ class _RegionReadings(_Kernel):
 
 class _Bands(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch import counts
+        from mapping.kernels.batch.readings import BINARY, COUNT
 
-        what = counts.COUNT if isinstance(self.rule, Count) else counts.BINARY
+        what = COUNT if isinstance(self.rule, Count) else BINARY
         self._mark(target, self.columns(readings, rows), what, threads)
 
     def _mark(self, target: Target, columns: Columns, what: int, threads: int) -> None:
-        from mapping.kernels.batch.counts import add_bands
+        from mapping.kernels.loops import add_bands
 
         table = np.column_stack([self._half_rad, self.has_front_evidence])
         array = target.array[0]
@@ -193,11 +193,12 @@ class _Bands(_Kernel):
 
 class _Axes(_Bands):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch import axis, counts
+        from mapping.kernels.batch.readings import NOTHING
+        from mapping.kernels.loops import add_axes
 
         columns = self.columns(readings, rows)
-        self._mark(target, columns, counts.NOTHING, threads)
-        axis.add_axes(
+        self._mark(target, columns, NOTHING, threads)
+        add_axes(
             target.array[0], target.observed, target.place, columns, self._half_rad,
             HIMM_HIT, HIMM_MISS, HIMM_MOST,
         )  # fmt: skip
@@ -205,7 +206,8 @@ class _Axes(_Bands):
 
 class _Cells(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch import cell_tables, cellwise
+        from mapping.kernels.batch import cell_tables
+        from mapping.kernels.loops import add_cellwise
 
         tables = cell_tables.tables_of(
             [
@@ -216,15 +218,16 @@ class _Cells(_Kernel):
                 for s in self.sensors
             ]
         )  # fmt: skip
-        rules = {Sum: cellwise.SUM, Saturating: cellwise.EVIDENCE}
-        what = rules.get(type(self.rule), cellwise.MASSES)
+        rules = {Sum: cell_tables.SUM, Saturating: cell_tables.EVIDENCE}
+        what = rules.get(type(self.rule), cell_tables.MASSES)
         columns = self.columns(readings, rows)
-        in_parts(cellwise.add_cellwise, *target, columns, *tables, what, threads=threads)
+        in_parts(add_cellwise, *target, columns, *tables, what, threads=threads)
 
 
 class _Sums(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch import sums
+        from mapping.kernels.batch.cell_tables import POOLED, SATURATING
+        from mapping.kernels.loops import add_sums
 
         rule, columns, free = self.rule, self.columns(readings, rows), self.has_front_evidence
         fades_m = [rule.learned.fade_m if isinstance(rule, Pooled) else s.fade_m
@@ -235,8 +238,8 @@ class _Sums(_Kernel):
                 self.sensors, self._half_rad, fades_m, free, strict=True
             )
         ])  # fmt: skip
-        what = sums.POOLED if isinstance(rule, Pooled) else sums.SATURATING
-        in_parts(sums.add_sums, *target, columns, table, np.array(LIMITS), what, threads=threads)
+        what = POOLED if isinstance(rule, Pooled) else SATURATING
+        in_parts(add_sums, *target, columns, table, np.array(LIMITS), what, threads=threads)
 
 
 class _FadingScans:
@@ -247,8 +250,8 @@ class _FadingScans:
         self._axes: dict[bytes, ScanAxes] = {}
 
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch.lidar import add_scans
         from mapping.kernels.batch.readings import Scans, ends_of
+        from mapping.kernels.loops import add_scans
 
         sensor, start = self.sensor, readings.world_from_sensor
         before, behind = SENSOR_MODELS[sensor.model].band(sensor)

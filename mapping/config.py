@@ -46,6 +46,7 @@ CHAPTER_PRESET: dict[str, Any] = {
     "sensors": {"*": {"model": "regions", "regions": 12, "gaussian": "both",
                       "emptiness": "combined", "update": "bayes", "rasteriser": "cells"}},
     "fusion": {"rule": "weights", "weights": "angular"},
+    "segments": {"refit": "none"},
 }  # fmt: skip
 PRESETS = {"chapter": CHAPTER_PRESET}
 

@@ -5,6 +5,7 @@ A generator of artifacts: whoever shows, exports or compares takes what it yield
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -241,7 +242,7 @@ def _vector_stages(
         thresholded, borders, config.segments, lidar=lidar, observed=layer.observed,
         reachable=reachable_cells(layer, trail.positions_m), observe=observe,
     )  # fmt: skip
-    if config.segments.refit == "points" and not lidar:
+    if config.segments.refits and not lidar:
         sightings = trail.sightings.of_layer(layer.name)
         lines = segments_at_walls(
             lines, raw, sightings, config.segments, layer=layer.name, observe=observe
@@ -259,11 +260,26 @@ def _stages_shown(
         yield from line_stages(stages, layer=layer, source=source, each=how == "each")
 
 
+def readings_of_each(placed: Iterable[Readings]) -> Counter[str]:
+    """How many readings each sensor has."""
+    if isinstance(placed, PlacedSession):
+        return Counter(placed.counts.used)
+    used: Counter[str] = Counter()
+    for readings in placed:
+        counts = np.bincount(readings.sensor, minlength=len(readings.sensors)).tolist()
+        used.update({s.name: n for s, n in zip(readings.sensors, counts, strict=True)})
+    return used
+
+
 def raw_lines(placed: Iterable[Readings], config: MappingConfig) -> Iterator[Artifact]:
-    """The obstacle points of each sensor, and the lines fitted straight to them."""
-    for sensor, points, t_ns, from_m in raw_points(placed):
+    """The obstacle points of each sensor, and the lines fitted straight to them.
+
+    Of a long session some, so that the memory and the time that they take are bounded.
+    """
+    used = readings_of_each(placed)
+    for sensor, points, t_ns, from_m in raw_points(placed, used):
         yield RawPoints(sensor.name, points, t_ns)
-        scans = scans_of(placed, sensor.name)
+        scans = scans_of(placed, sensor.name, used[sensor.name])
         if scans:
             yield from segments_of_scans(scans, config.segments, layer=sensor.name)
         elif len(points) >= config.segments.min_points:

@@ -178,22 +178,3 @@ def test_who_counts_is_called_with_how_many_are_merged() -> None:
         assert isinstance(finished, Finished)
         assert counts[-1] == sum(finished.used.values())
         assert counts == sorted(counts)
-
-
-def test_a_loop_that_is_compiled_is_named_and_one_that_is_not_is_not() -> None:
-    from numba import njit
-
-    from mapping.kernels.first_run import compiling_reported
-
-    @njit
-    def inner(x: float) -> float:
-        return x + 1.0
-
-    @njit
-    def outer(x: float) -> float:
-        return float(inner(x))
-
-    names: list[str] = []
-    with compiling_reported(names.append):
-        assert outer(1.0) == outer(1.0) == 2.0
-    assert names == ["outer"]

@@ -8,9 +8,7 @@ takes to place a session anew a few times.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from types import MappingProxyType
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +89,7 @@ def bias_of(sensor: str) -> Number:
 
 def scale_of(sensor: str) -> Number:
     """How many times too long the ranges are."""
-    return Number("scale", sensor, 0.005, 0.05, 0.25, 0.008)
+    return Number("scale", sensor, 0.005, 0.05, 0.12, 0.008)
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,16 +98,16 @@ class Hypothesis:
 
     offset_s: float = 0.0
     heading_rad: float = 0.0
-    sensors: Mapping[str, Change] = field(default_factory=lambda: MappingProxyType({}))
+    sensors: tuple[tuple[str, Change], ...] = ()
 
     def of(self, sensor: str) -> Change:
         """What is mended of a sensor."""
-        return self.sensors.get(sensor, NO_CHANGE)
+        return dict(self.sensors).get(sensor, NO_CHANGE)
 
     def with_number(self, number: Number, value: float) -> Hypothesis:
         """The same with one number replaced."""
         if number.sensor is None:
-            return replace(self, **{number.key: value})
+            return replace(self, **{number.key: value})  # type: ignore[arg-type]
         return self.with_sensor(number.sensor, **{number.key: value})
 
     def number(self, number: Number) -> float:
@@ -119,8 +117,8 @@ class Hypothesis:
 
     def with_sensor(self, sensor: str, **values: float) -> Hypothesis:
         """The same with some numbers of a sensor replaced."""
-        changed = replace(self.of(sensor), **values)
-        return replace(self, sensors=MappingProxyType({**self.sensors, sensor: changed}))
+        changed = {**dict(self.sensors), sensor: replace(self.of(sensor), **values)}
+        return replace(self, sensors=tuple(sorted(changed.items())))
 
 
 class Session:
@@ -215,8 +213,4 @@ def _where(chosen: NDArray[np.bool_], a: Motions, b: Motions) -> Motions:
     def pick(x: Floats, y: Floats) -> Floats:
         return np.where(chosen, x, y)
 
-    return Motions(
-        pick(a.x_m, b.x_m), pick(a.y_m, b.y_m), pick(a.heading_rad, b.heading_rad)
-    )
-
-
+    return Motions(pick(a.x_m, b.x_m), pick(a.y_m, b.y_m), pick(a.heading_rad, b.heading_rad))

@@ -12,16 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapping.diagnosis.hypothesis import Hypothesis, Number, Session
 from mapping.scoring.held_out import Mixture
 from recorder.columns import Floats, Ints
 
-PATCH_M = 0.3
+PATCH_M = 0.2
 _FEWEST = 8  # points of a patch
 _DIRECTIONS = 36
 _WINDOW_M = 0.03
@@ -30,6 +29,7 @@ _TUKEY = 4.0  # standard deviations beyond which a point does not count
 _ROUNDS = 12
 _SPREAD_M = 0.008
 _WIDEST = 4.0
+_SHIFTS = (0.0, 0.5)  # of the grid of patches, in squares
 _FEWEST_POINTS = 60
 _KEPT_SHARE = 0.5  # of the points in patches at first: who loses more has left the room
 MOST_POINTS = 20_000
@@ -116,13 +116,15 @@ class Patches:
 class Fit:
     """The hypothesis that makes the patches thinnest, and how sure its numbers are.
 
-    ``error`` (P,) are standard errors, which count whole blocks of readings as one draw.
+    ``error`` (P,) are standard errors, which count whole blocks of readings as one draw. ``width``
+    is how much wider than the sensors' own errors the points scatter about the walls.
     """
 
     hypothesis: Hypothesis
     numbers: tuple[Number, ...]
     error: Floats
     points: int
+    width: float = 1.0
     failed: bool = False
 
     def value(self, number: Number) -> float:
@@ -135,7 +137,7 @@ class Fit:
         return (self.value(number) - number.neutral) / error if error > 0 else 0.0
 
 
-def find_patches(points: Points, *, shift: float = 0.0) -> Patches:
+def find_patches(points: Points, *, shift: float = 0.0, wide: float = 1.0) -> Patches:
     """Lay a grid over the points and find the straightest wall in each of its squares."""
     cells = np.floor(points.at_m / PATCH_M + shift).astype(np.int64)
     _, of = np.unique(cells, axis=0, return_inverse=True)
@@ -152,23 +154,29 @@ def find_patches(points: Points, *, shift: float = 0.0) -> Patches:
         for _ in range(2):  # a corner, or both faces of a board
             if len(rows) < _FEWEST:
                 break
-            found = _wall(points.at_m[rows], beams[rows], points.spread_m[rows],
-                          points.range_m[rows], points.reach_m[rows])
+            found = _wall(
+                points.at_m[rows],
+                beams[rows],
+                points.spread_m[rows],
+                points.range_m[rows],
+                points.reach_m[rows],
+                wide,
+            )
             if found is None:
                 break
-            used = found[1] > 0
-            mine, rows = rows[used], rows[~used]
+            near = found[3]
+            mine, rows = rows[near], rows[~near]
             patch[mine], count = count, count + 1
-            normal[mine], weight[mine], behind_m[mine] = (each[used] for each in found)
+            normal[mine], weight[mine], behind_m[mine] = (each[near] for each in found[:3])
             cosine = (beams[mine] * normal[mine]).sum(axis=1)
             expected_m[mine] = points.range_m[mine] - behind_m[mine] / cosine
     return Patches(patch, normal, weight, behind_m, expected_m)
 
 
 def _wall(
-    at_m: Floats, beams: Floats, spread_m: Floats, range_m: Floats, reach_m: Floats
-) -> tuple[Floats, Floats, Floats] | None:
-    """The line that most points lie near, refined; None where it is no wall."""
+    at_m: Floats, beams: Floats, spread_m: Floats, range_m: Floats, reach_m: Floats, wide: float
+) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]] | None:
+    """The line that most points lie near, refined, and which do; None where it is no wall."""
     angles = np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS
     normals = np.column_stack([np.cos(angles), np.sin(angles)])
     middle = at_m.mean(axis=0)
@@ -203,16 +211,31 @@ def _wall(
         off_n = local @ n - d
         facing = cosine >= _GRAZING  # and from one side
         along = off_n / np.where(facing, cosine, 1.0)  # along the beam
-        z = along / spread_m
+        z = along / (wide * spread_m)
         expected = range_m - along
         # chosen by where the wall is, not by what was measured: the reach would cut one side off
         usable = facing & (expected + 2.5 * spread_m < reach_m)
-        weight = np.where(usable & (np.abs(z) < _TUKEY), np.square(1.0 - np.square(z / _TUKEY)), 0.0)
+        weight = np.where(
+            usable & (np.abs(z) < _TUKEY), np.square(1.0 - np.square(z / _TUKEY)), 0.0
+        )
         weight = weight / np.square(spread_m * np.where(facing, cosine, 1.0))
-    used = weight > 0
-    if used.sum() < _FEWEST or used.mean() < 0.3:
+    near = facing & (np.abs(z) < _TUKEY)
+    if (weight > 0).sum() < _FEWEST or near.mean() < 0.3:
         return None
-    return np.broadcast_to(n, (len(at_m), 2)), weight, off_n
+    return np.broadcast_to(n, (len(at_m), 2)), weight, off_n, near
+
+
+def thickness(beams: ThinBeams, hypothesis: Hypothesis) -> float:
+    """How far the points stray from walls, between 0 (not at all) and 1 (each is alone): the mean
+    of Tukey's biweight of all points, those of no patch among them. For a search from afar."""
+    points, total = beams.points(hypothesis), 0.0
+    for shift in _SHIFTS:
+        patches = find_patches(points, shift=shift)
+        used = patches.patch >= 0
+        z = (points.range_m[used] - patches.expected_m[used]) / points.spread_m[used]
+        near = np.clip(1.0 - np.square(z / _TUKEY), 0.0, 1.0) ** 3
+        total += 1.0 - float(near.sum()) / max(len(points), 1)
+    return total / len(_SHIFTS)
 
 
 def fit(
@@ -228,10 +251,9 @@ def fit(
     error = np.full(len(numbers), math.inf)
     for turn in range(rounds):
         points = beams.points(found)
-        points = replace(points, spread_m=points.spread_m * wide)
-        patches = find_patches(points, shift=0.5 * (turn % 2))
+        patches = find_patches(points, shift=0.5 * (turn % 2), wide=wide)
         used = int((patches.weight > 0).sum())
-        wide = min(max(_width(points, patches) * wide, 1.0), wide)
+        wide = min(max(_width(points, patches), 1.0), wide)
         first = first or used
         if used < _FEWEST_POINTS or used < _KEPT_SHARE * first:
             return Fit(start, tuple(numbers), error, used, failed=True)
@@ -247,9 +269,11 @@ def fit(
             if abs(value - number.neutral) > number.most:
                 return Fit(start, tuple(numbers), error, used, failed=True)
             found = found.with_number(number, value)
-        if turn > 2 and all(abs(more) < 0.05 * each.least for each, more in zip(numbers, step, strict=True)):
+        if turn > 2 and all(
+            abs(more) < 0.05 * each.least for each, more in zip(numbers, step, strict=True)
+        ):
             break
-    return Fit(found, tuple(numbers), error, used)
+    return Fit(found, tuple(numbers), error, used, wide)
 
 
 def _width(points: Points, patches: Patches) -> float:

@@ -33,12 +33,13 @@ _NEARER = 0.3  # lose so much at the edge of what is searched, as the grid is no
 _STRAIGHTER = 0.15
 
 _ROUNDS = 15
-_SETTLED = 1e-7
+_SETTLED_M = 1e-5
 _TUKEY = 3.0
 _SIGMA_M = (0.004, 0.03)  # least and largest spread of points that is believed
 _FIRST_SIGMA_M = 0.02
 _FEW = 3  # points of one kind say nothing of its spread
 _SURE_M = 0.007  # light that gives both ends so well needs no sonar
+_PLACE_M = 0.1
 _TURNS_ON = 0.1  # points spread over less of the length (rms) do not turn the line
 _LATER_TURN_RAD = math.radians(8.0)
 
@@ -75,16 +76,19 @@ def settle(line: Stretch, sightings: Sightings, *, min_points: int) -> Refit | N
 
     The points of sonars and of light have each their own spread, found on the way.
     """
+    near = sightings.of(_may_have_met(line, sightings, _TUKEY * _SIGMA_M[1]))
     first, best = line, None
     for _ in range(_ROUNDS):
-        fitted = _fitted(line, first, sightings, min_points)
-        if fitted is None:
+        best = _fitted(line, first, near, min_points)
+        if best is None:
             return None
-        best, moved = fitted, _moved(line, fitted.stretch)
-        line = fitted.stretch
-        if moved < _SETTLED:
+        moved_m = float(np.abs(best.stretch.ends_m - line.ends_m).max())
+        line = best.stretch
+        if moved_m < _SETTLED_M:
             break
-    return best
+    assert best is not None  # there is more than one round
+    erring = _erring_together(best)
+    return replace(best, variances_m2=erring * best.variances_m2)
 
 
 def _may_have_met(line: Stretch, sightings: Sightings, within_m: float) -> Flags:
@@ -172,6 +176,27 @@ def _fitted(line: Stretch, first: Stretch, sightings: Sightings, min_points: int
     return Refit(stretch, points, w, variances[has])
 
 
+def _erring_together(fit: Refit) -> float:
+    """By how much errors that points in one place share make the line less sure, at least 1.
+
+    The variances of offset and direction from the sums of the residuals place by place (the
+    cluster-robust or sandwich estimate), over those of points that err each on their own.
+    """
+    t, off = fit.stretch.frame_of(fit.points_m)
+    w = fit.weights
+    tau = t - float(w @ t) / float(w.sum())
+    _, place = np.unique(np.floor(t / _PLACE_M), return_inverse=True)
+    many = int(place.max()) + 1
+    if many < _FEW:
+        return float(_FEW)
+    larger = 1.0
+    for lever in (w, w * tau):
+        together = np.square(np.bincount(place, lever * off)).sum() * many / (many - 2.0)
+        apart = float(np.square(lever) @ fit.variances_m2)
+        larger = max(larger, float(together) / apart if apart > 0.0 else 1.0)
+    return larger
+
+
 def _error_at_ends_m(t: Floats, off: Floats, line: Stretch) -> float:
     """How well points (M,) give the line at the worse of its two ends: one standard deviation."""
     many = len(t)
@@ -197,8 +222,3 @@ def _through(points_m: Floats, w: Floats, line: Stretch, *, turns: bool = True) 
         along = line.along
     t = (line.ends_m - centre) @ along
     return Stretch(centre, along, float(t[0]), float(t[1]))
-
-
-def _moved(before: Stretch, after: Stretch) -> float:
-    """How far the ends went, metres."""
-    return float(np.abs(after.ends_m - before.ends_m).max())

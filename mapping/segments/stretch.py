@@ -94,7 +94,8 @@ class Stretch:
         if end - begin > gap_m:
             return False
         t, off = self.frame_of(other.ends_m)
-        slope = (off[1] - off[0]) / (t[1] - t[0])  # of two nearly parallel: not zero apart
+        apart = float(t[1] - t[0])
+        slope = float(off[1] - off[0]) / apart if apart else 0.0
         where = np.clip(t, self.begin_m, self.end_m)
         return bool(np.abs(off[0] + slope * (where - t[0])).max() <= _JOINED_M)
 

@@ -39,8 +39,11 @@ _FILLED = 0.5  # of the cells of a gap
 _SAME_M, _SAME_RAD = 0.05, math.radians(20.0)
 _SAME = 0.6  # of a line's length along better ones
 _OWN, _OWN_SHARE = 3, 0.1  # readings that no better line explains
-_AGAINST, _AGAINST_SHARE = 2, 0.1  # of its own
+_AGAINST, _AGAINST_SHARE, _AGAINST_LONG = 2, 0.1, 0.5  # of its own; of a long line
 _BEHIND_M = 0.03
+_CROWD, _CROWDED, _PLACE_M = 8, 0.4, 0.05
+_SHORT_M = 0.7
+_TIGHT_M, _TIGHT_SHARE = 0.015, 0.015  # of the wall, for a place of it to be seen
 _CORNER_M, _CORNER_CUT_M, _CORNER_GAP_M = 0.3, 0.5, 0.2
 _CORNER_SINE = 0.5
 _ALONG = math.cos(math.radians(10.0))
@@ -139,7 +142,7 @@ def _joined(
     waiting = sorted(walls, key=lambda wall: wall.stretch.length_m)
     while waiting:
         wall = waiting.pop()
-        grows = True
+        alone, grows = wall.stretch, True
         while grows:
             partners = [k for k, other in enumerate(waiting) if one(wall.stretch, other.stretch)]
             grows = bool(partners)
@@ -147,7 +150,8 @@ def _joined(
                 other = waiting.pop(partners[-1])  # the longest
                 stretch = wall.stretch.with_(other.stretch)
                 wall = replace(wall, stretch=stretch)
-        done.append(wall.settled(sightings, config.min_points))
+        same = wall.stretch is alone and wall.fit is not None
+        done.append(wall if same else wall.settled(sightings, config.min_points))
     return done
 
 
@@ -156,32 +160,55 @@ def _standing(walls: list[_Wall], sightings: Sightings, observe: Observer | None
     explained = [sightings.explained_by(wall.stretch) for wall in walls]
     many = np.array([int(flags.sum()) for flags in explained], np.int64)
     taken = np.zeros(len(sightings), np.bool_)
+    lit = not sightings.arc.all()  # sonars alone see few places of any wall
     kept: list[_Wall] = []
     for k in np.argsort(-many, kind="stable").tolist():
-        wall, better = walls[k], [one.stretch for one in kept]
-        own = _in_sight(wall.stretch, better, sightings.of(explained[k] & ~taken))
-        past = int(sightings.against(wall.stretch).sum())
+        wall, better = walls[k].stretch, [one.stretch for one in kept]
+        own = _in_sight(wall, better, sightings.of(explained[k] & ~taken))
+        past = int(sightings.against(wall).sum())
         if (
-            wall.stretch.share_along(better, _SAME_M, _SAME_RAD) >= _SAME
-            or (past >= _AGAINST and past >= _AGAINST_SHARE * own)
-            or (many[k] >= _OWN and own < max(_OWN, _OWN_SHARE * many[k]))
-            or _cuts_a_corner(wall.stretch, better)
+            wall.share_along(better, _SAME_M, _SAME_RAD) >= _SAME
+            or (past >= _AGAINST and past >= _bearable(wall) * len(own))
+            or (many[k] >= _OWN and len(own) < max(_OWN, _OWN_SHARE * many[k]))
+            or (lit and _in_few_places(wall, own))
+            or _cuts_a_corner(wall, better)
         ):
             if observe is not None:
-                observe(Drop(*(place_of(end) for end in wall.stretch.ends_m)))
+                observe(Drop(*(place_of(end) for end in wall.ends_m)))
             continue
         taken |= explained[k]
-        kept.append(wall)
+        kept.append(walls[k])
     return kept
 
 
-def _in_sight(wall: Stretch, better: list[Stretch], sightings: Sightings) -> int:
-    """How many readings reach the wall without going through a better one."""
+def _bearable(wall: Stretch) -> float:
+    """How many readings may go past, for each of its own: strays do, by a long wall that stands."""
+    return _AGAINST_SHARE if wall.length_m <= _SHORT_M else _AGAINST_LONG
+
+
+def _in_sight(wall: Stretch, better: list[Stretch], sightings: Sightings) -> Sightings:
+    """The readings that reach the wall without going through a better one."""
     ends = sightings.ends_on(wall)
     blocked = np.zeros(len(sightings), np.bool_)
     for other in better:
         blocked |= other.crossed(sightings.from_m, ends, _BEHIND_M)
-    return int((~blocked).sum())
+    return sightings.of(~blocked)
+
+
+def _in_few_places(wall: Stretch, own: Sightings) -> bool:
+    """Whether it is short, and its readings crowd in few places of it, as stray echoes do.
+
+    So many readings, thrown at random, would leave exp(-readings / places) of the places empty.
+    """
+    if len(own) < _CROWD or wall.length_m > _SHORT_M:
+        return False
+    places, can = own.places_on(wall)
+    t, off = wall.frame_of(places)
+    on_wall = can & (np.abs(off) < np.maximum(_TIGHT_M, _TIGHT_SHARE * own.range_m))
+    cells = max(math.ceil(wall.length_m / _PLACE_M), 1)
+    at = np.floor((t[on_wall | ~own.arc] - wall.begin_m) * (cells / wall.length_m))
+    filled = len(np.unique(at[(at >= 0) & (at < cells)])) / cells
+    return filled < _CROWDED * (1.0 - math.exp(-len(own) / cells))
 
 
 def _cuts_a_corner(wall: Stretch, better: list[Stretch]) -> bool:

@@ -26,7 +26,7 @@ class Canvas:
     def __init__(self, sink: Sink, geometry: GridGeometry, stamp: Stamp) -> None:
         self.sink, self.geometry, self.stamp = sink, geometry, stamp
         self.tiling = layout.tiling_for(geometry)
-        self._results_tiling = layout.results_tiling_for(geometry)
+        self.results_tiling = layout.results_tiling_for(geometry)
         self.rows = RowBuffer(sink)
         self._prepared: set[str] = set()
         self._vanishing: dict[str, tuple[Pack, Any]] = {}
@@ -89,10 +89,6 @@ class Canvas:
         number = len(self._colours)
         return self._colours.setdefault(sensor, layout.SENSORS[number % len(layout.SENSORS)])
 
-    def draw_tile(self, root: str, place: Place, picture: NDArray[np.uint8], order: float) -> None:
-        """Draw one tile of what readings change."""
-        self._draw_tile(root, self.tiling, place, picture, order)
-
     def draw_classes(self, root: str, picture: NDArray[np.uint8], order: float) -> None:
         """Draw a whole grid of classes: the tiles that are not as they were drawn last."""
         drawn = self._classes.get(root)
@@ -101,14 +97,15 @@ class Canvas:
             if order == layout.ORDER_CLASSES:
                 scene.set_up_never_seen(self.sink, root, self.geometry, 0)
         self._classes[root] = picture.copy()
-        for place in self._results_tiling:
-            part = self._results_tiling.window(*place).slices
+        for place in self.results_tiling:
+            part = self.results_tiling.window(*place).slices
             if not np.array_equal(picture[part], drawn[part]):
-                self._draw_tile(root, self._results_tiling, place, picture[part].copy(), order)
+                self.draw_tile(root, self.results_tiling, place, picture[part].copy(), order)
 
-    def _draw_tile(
+    def draw_tile(
         self, root: str, tiling: Tiling, place: Place, picture: NDArray[np.uint8], order: float
     ) -> None:
+        """Draw one tile of a grid of classes."""
         entity = layout.tile(root, *place)
         self.prepare(entity, scene.set_up_tile, tiling, place, order)
         self.add(entity, columns.class_images, picture, picture.nbytes)

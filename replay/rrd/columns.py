@@ -147,27 +147,6 @@ def arrows(rows: Sequence[NDArray[np.float64]]) -> Columns:
 
 
 @dataclass(frozen=True, slots=True)
-class StepRecord:
-    """What a step is: the artifact's name, the layer that it belongs to or nothing, and the layers
-    whose values in the file are complete and exact at this step."""
-
-    artifact: str
-    layer: str
-    exact: tuple[str, ...]
-
-
-def step_records(rows: Sequence[StepRecord]) -> Columns:
-    """One record a step, for the reader."""
-    exact = [name for row in rows for name in row.exact]
-    lengths = [len(row.exact) for row in rows]
-    return [
-        _texts("artifact", [row.artifact for row in rows]),
-        _texts("layer", [row.layer for row in rows]),
-        _texts("exact", exact).partition(lengths),
-    ]
-
-
-@dataclass(frozen=True, slots=True)
 class BeamRecord:
     """A beam's names, and its numbers (float64) by name."""
 

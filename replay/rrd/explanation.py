@@ -100,7 +100,7 @@ def _what_it_means(beam: Beam) -> str:
 
 
 def _temp(temp: TempGrid) -> str:
-    from mapping.kernels.recording import evidence_of
+    from mapping.kernels.loops import evidence_of
 
     in_band, most, in_front, least = evidence_of(temp.probability, temp.free, temp.band)
     if not in_band and not in_front:
@@ -123,7 +123,7 @@ def _temp(temp: TempGrid) -> str:
 
 
 def _merged(merged: MergedGrid) -> str:
-    from mapping.kernels.recording import changes_of
+    from mapping.kernels.loops import changes_of
 
     head = f"## Reading {merged.beam.number} goes into the map {merged.layer}\n\n"
     before, after = merged.previous, merged.probability

@@ -89,7 +89,7 @@ GROUP = 32  # borders or segments that share an entity
 
 # Small tiles hold little that a reading did not change, large ones are few: each is an entity. Of
 # 200 x 200 cells or fewer, the file's compression still finds a tile's version before.
-_TILE, _MOST_TILES = 100, 1024
+_TILE, _MOST_TILES = 80, 1024
 _RESULTS_TILE = 1024  # what the smallest graphics cards take as one picture
 
 
@@ -275,7 +275,7 @@ class Tiling:
 
 
 def tiling_for(geometry: GridGeometry) -> Tiling:
-    """Tiles for what readings change: of 100 cells, doubled until they are few; of even sizes."""
+    """Tiles for what readings change: of 80 cells, doubled until they are few; of even sizes."""
     side, longest = _TILE, max(geometry.shape)
     while True:
         tiling = Tiling(geometry, -(-longest // -(-longest // side)))

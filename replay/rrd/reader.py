@@ -12,7 +12,6 @@ import itertools
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Border, Segment, Snapshot
 from mapping.beams import Beam, reach_of_axes
+from mapping.fusion import FUSED
 from mapping.grid import GridGeometry, Window
 from recorder.errors import BadInput
 from recorder.foreign import reading
@@ -30,26 +30,15 @@ from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
 from replay.rrd.claims import check_claims
 from replay.rrd.layout import Tiling
 from replay.rrd.program import viewer_environment, viewer_program
+from replay.rrd.steps import read_steps
+from replay.rrd.tiles import is_made_whole, stored_tilings
 from replay.rrd.value_log.playback import Playback, Tiles
 from replay.rrd.value_log.records import ValueLogError
 from replay.rrd.value_log.track import Track
 
 Floats = NDArray[np.float64]
 MOST_CELLS = 100_000_000  # of all layers, to be read exactly
-MOST_TILES = 65_536
 _WHAT = "a Rerun recording"
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One step: when, which artifact, of which layer, and the layers that are exact at it."""
-
-    step: int
-    reading: int
-    t_ns: int
-    artifact: str
-    layer: str
-    exact: frozenset[str]
 
 
 class RrdRecording:
@@ -63,7 +52,7 @@ class RrdRecording:
         self._playing: dict[str, Playback] = {}
         self.config_text = self._file.one_text(layout.CONFIG, "TextDocument:text")
         self.geometry, self.layers, self.walls_m, self._tilings = self._read_grid()
-        self.steps = self._read_steps()
+        self.steps = read_steps(self._file)
         self._by_number = {step.step: step for step in self.steps}
 
     def grid(self, layer: str, step: int | None = None) -> NDArray[np.float32]:
@@ -260,7 +249,8 @@ class RrdRecording:
 
     def _windows(self, root: str, component: str) -> dict[str, Window]:
         """Where the tiles of exact ``values`` lie, or those of pictures."""
-        tiling = self._tilings[component != "values"]
+        whole = root == layout.merged(FUSED) and is_made_whole(FUSED, self.layers)
+        tiling = self._tilings[whole or component != "values"]
         return {layout.tile(root, *at): tiling.window(*at) for at in tiling}
 
     def _beam(self, batch: pa.RecordBatch, i: int) -> Beam:
@@ -296,32 +286,10 @@ class RrdRecording:
         if "walls_m" in batches[0].schema.names:
             walls = numbers_of(batches[0], "walls_m", 0).reshape(-1, 2, 2)
         geometry = GridGeometry((x, y), cell, rows, cols)
-        return geometry, layers, walls, self._read_tilings(geometry, batches[0])
-
-    def _read_tilings(self, geometry: GridGeometry, batch: pa.RecordBatch) -> tuple[Tiling, Tiling]:
-        """How exact values and pictures are cut; older recordings do not state it."""
-        if "tile_cells" in batch.schema.names:
-            values, pictures = (
-                Tiling(geometry, max(int(n), 1)) for n in numbers_of(batch, "tile_cells", 0)
-            )
-        else:
-            values = pictures = _older_tiling(geometry)
-        if values.count > MOST_TILES or pictures.count > MOST_TILES:
-            raise BadInput(f"{self.path}: a map in {values.count} tiles: too many")
-        return values, pictures
-
-    def _read_steps(self) -> list[Step]:
-        steps = []
-        for batch in self._file.batches(layout.STEPS, "artifact", whole=True):
-            columns = [batch.column(name).to_pylist() for name in ("artifact", "layer", "exact")]
-            numbers = [batch.column(name).to_numpy() for name in (layout.STEP, layout.READING)]
-            times = batch.column(layout.TIME).cast(pa.int64()).to_numpy()
-            for (artifact,), (layer,), exact, step, number, t_ns in zip(
-                *columns, *numbers, times, strict=True
-            ):
-                names = frozenset(exact or ())
-                steps.append(Step(int(step), int(number), int(t_ns), artifact, layer, names))
-        return sorted(steps, key=lambda each: each.step)
+        sides: list[int] = []
+        if "tile_cells" in batches[0].schema.names:
+            sides = batches[0].column("tile_cells")[0].as_py()
+        return geometry, layers, walls, stored_tilings(geometry, sides)
 
 
 def read_rrd(path: str | Path, name: str = "") -> RrdRecording:
@@ -411,14 +379,6 @@ def _has_footer(path: Path) -> bool:
     except BadInput:
         return False
     return True
-
-
-def _older_tiling(geometry: GridGeometry) -> Tiling:
-    """What recordings were cut into before they stated it."""
-    tiling = Tiling(geometry, 64)
-    while tiling.count > 1024:
-        tiling = Tiling(geometry, tiling.side * 2)
-    return tiling
 
 
 def _step_of(batch: pa.RecordBatch, i: int) -> int:

@@ -6,20 +6,43 @@ that readings left out of the recording still count.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from mapping.grid import Window
+from mapping.fusion import FUSED
+from mapping.grid import GridGeometry, Window
 from mapping.update_rules import UpdateRule, rule_of
 from replay.rrd.layout import Place, Tiling
 from replay.rrd.pictures import SLACK, UNSEEN
 
 _CODEC = pa.Codec("lz4_raw")  # as the file packs
 _TRIED_TILES = 16
+_OLDER_TILE, _MOST_OLDER_TILES = 64, 1024
+_MOST_TILES = 65_536
 T = TypeVar("T", bound=np.generic)
+
+
+def stored_tilings(geometry: GridGeometry, sides: Sequence[int]) -> tuple[Tiling, Tiling]:
+    """How a recording's values and its pictures are cut, by the sides that it states.
+
+    Older ones state none. Raises ValueError for more tiles than there ever are.
+    """
+    older = Tiling(geometry, _OLDER_TILE)
+    while older.count > _MOST_OLDER_TILES:
+        older = Tiling(geometry, older.side * 2)
+    values, pictures = (Tiling(geometry, max(int(side), 1)) for side in sides or [older.side] * 2)
+    if max(values.count, pictures.count) > _MOST_TILES:
+        raise ValueError(f"a map in {values.count} tiles")
+    return values, pictures
+
+
+def is_made_whole(layer: str, layers: Sequence[str]) -> bool:
+    """Whether a layer of a run comes from other layers, whole, and not from readings."""
+    return layer == FUSED and len(layers) > 1
 
 
 class LayerTiles:
@@ -127,7 +150,7 @@ class LayerTiles:
         self, grid: NDArray[T], new: NDArray[T], window: Window, differing: NDArray[np.bool_]
     ) -> None:
         """Write a window's new numbers into a grid; mark the tiles where one became another."""
-        from mapping.kernels.recording import take
+        from mapping.kernels.loops import take
 
         take(grid, new, window.row0, window.col0, self.tiling.side, differing)
 

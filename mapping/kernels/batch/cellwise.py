@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mapping.kernels.batch.cell_tables import (
     A_MAX,
     EMPTINESS,
+    EVIDENCE,
     FADE,
     HALF_WIDTH,
     HIT,
@@ -24,6 +25,7 @@ from mapping.kernels.batch.cell_tables import (
     P_HIT,
     P_MISS,
     Q_MAX,
+    SUM,
 )  # fmt: skip
 from mapping.kernels.batch.fading import NEAR_M
 from mapping.kernels.batch.lanes import free_loop, loop
@@ -46,7 +48,6 @@ from mapping.kernels.batch.spans import (
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SUM, MASSES, EVIDENCE = range(3)  # the rules
 _ONE, _CLAMP = 2.0**24, 13.8  # steps in evidence of 1, and the most of one reading
 _FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown
 
@@ -176,9 +177,8 @@ def add_cellwise(
     """Add readings, in their order, to the rows part, part + parts, ... of a map.
 
     ``cells`` (K, rows, cols) is the rule's: the sum alone (SUM), or the masses occupied, empty,
-    unknown and the conflict (MASSES), or evidence for and against (EVIDENCE). ``observed``
-    (rows, cols) gets the cells of which anything was said. The tables of S sensors are those of
-    ``cell_tables``.
+    unknown and the conflict (MASSES), or evidence for and against (EVIDENCE). ``observed`` (rows,
+    cols) gets the cells with any evidence. The tables of S sensors are those of ``cell_tables``.
     """
     rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.kernels.batch.cell_tables import SATURATING
 from mapping.kernels.batch.fading import NEAR_M
 from mapping.kernels.batch.lanes import free_loop, loop
 from mapping.kernels.batch.readings import Place, Readings
@@ -34,7 +35,6 @@ Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Columns = NDArray[np.int32]
 
-SATURATING, POOLED = range(2)  # the rules
 # Columns of the table of sensors; HIT, MISS and NEAR are those of `fading`, for `saturating`.
 HALF_WIDTH, FADE, WITH_FREE, HIT, MISS, NEAR = range(6)
 # Of a reading: what it adds to a cell of its band, where its arc ends, where the last stretch
