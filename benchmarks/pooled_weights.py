@@ -112,7 +112,7 @@ def sample(
             each.merge_many(readings)
     looking = place_session(messages, with_silent_readings(config))
     ((name, made),) = maps.items()
-    return sample_of(made.layer(), observable_cells(looking, truth, geometry)[name], truth)
+    return sample_of(made.state, observable_cells(looking, truth, geometry)[name], truth)
 
 
 def learned(medium: str, seed: int) -> Weights:
@@ -151,7 +151,7 @@ def main() -> None:
     )
     parser.add_argument("--write", type=Path)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--media", default=",".join(SENSORS))
+    parser.add_argument("--media", default="sonar,infrared", help="of sonar, infrared, laser")
     options = parser.parse_args()
     media = options.media.split(",")
     text = document({medium: learned(medium, options.seed) for medium in media}, options.seed)

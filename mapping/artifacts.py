@@ -6,7 +6,7 @@ comparison each take what they need. Arrays are read-only. One artifact is one *
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,10 +45,32 @@ class TempGrid:
 
 
 @dataclass(frozen=True, slots=True)
+class Sums:
+    """What a rule of several sums holds of a window's cells, before a reading and after it.
+
+    ``terms`` is the rule's: sums -> what each adds to the log-odds, by name.
+    """
+
+    before: Mapping[str, NDArray[np.float64]]
+    after: Mapping[str, NDArray[np.float64]]
+    terms: Callable[[dict[str, NDArray[np.float64]]], dict[str, NDArray[np.float64]]]
+
+    def changes(self, row: int, col: int) -> tuple[tuple[str, float], ...]:
+        """By how much each term of a cell of the window changed, the largest first."""
+        old, new = (
+            self.terms({name: array[row, col : col + 1] for name, array in sums.items()})
+            for sums in (self.before, self.after)
+        )
+        changed = [(name, float(new[name][0] - old[name][0])) for name in new]
+        return tuple(sorted((c for c in changed if c[1]), key=lambda c: -abs(c[1])))
+
+
+@dataclass(frozen=True, slots=True)
 class MergedGrid:
     """The map of one layer after a reading, in the rectangle that the reading could change.
 
     ``values`` and ``probability`` (float32) are the new ones; ``previous`` the probability before.
+    ``sums`` is there where the rule keeps several.
     """
 
     beam: Beam
@@ -60,6 +82,7 @@ class MergedGrid:
     values: NDArray[np.float32]
     probability: NDArray[np.float32]
     previous: NDArray[np.float32]
+    sums: Sums | None = None
 
 
 @dataclass(frozen=True, slots=True)

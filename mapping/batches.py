@@ -104,6 +104,7 @@ class _Kernel:
         self._row[list(mine)] = np.arange(len(mine))
         self._half_rad = np.array([sensor.beam_width_rad / 2.0 for sensor in self.sensors])
         self._band = np.array([SENSOR_MODELS[s.model].band(s) for s in self.sensors])
+        self._mark_to_m = np.array([s.mark_to_m or np.inf for s in self.sensors])
         self._empties = np.array([sensor.no_echo == "empties" for sensor in self.sensors])
 
     def columns(self, readings: Readings, rows: Ints) -> Columns:
@@ -115,8 +116,9 @@ class _Kernel:
         of = self._row[readings.sensor[rows]]
         before, behind = self._band[of].T
         ends = ends_of(
-            readings.ranges_m[axis], readings.reach_m[axis], before, behind, self._empties[of]
-        )
+            readings.ranges_m[axis], readings.reach_m[axis], before, behind, self._empties[of],
+            self._mark_to_m[of],
+        )  # fmt: skip
         heading_rad = readings.bearings_rad[axis] + start.heading_rad[rows]
         columns = (start.x_m[rows], start.y_m[rows], heading_rad, *ends)
         x_m, y_m, heading_rad, far, front, band = map(np.ascontiguousarray, columns)
@@ -264,7 +266,7 @@ class _FadingScans:
             axes = readings.begins[same][:, None] + np.arange(len(bearings_rad))
             ends = ends_of(
                 readings.ranges_m[axes], readings.reach_m[axes], before, behind,
-                sensor.no_echo == "empties",
+                sensor.no_echo == "empties", sensor.mark_to_m or np.inf,
             )  # fmt: skip
             columns = (start.x_m[same], start.y_m[same], start.heading_rad[same], *ends)
             scans = Scans(*(np.ascontiguousarray(each, np.float64) for each in columns))

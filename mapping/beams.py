@@ -28,7 +28,8 @@ class Beam:
     ``bearings_rad`` and ``ranges_m`` are both (N,); a range of +Inf saw nothing.
     ``world_from_sensor`` is the beam's origin and heading; ``reach_m`` how far the sensor
     sees, and so how far a beam without return clears; of scans and of sensors that may clear less,
-    one for each axis (N,).
+    one for each axis (N,). An obstacle beyond ``mark_to_m`` is not marked: what lies before it is
+    free, no more.
     """
 
     number: int
@@ -41,6 +42,7 @@ class Beam:
     ranges_m: NDArray[np.float64]
     beam_width_rad: float
     reach_m: float | NDArray[np.float64]
+    mark_to_m: float = math.inf
 
     @property
     def headings_rad(self) -> NDArray[np.float64]:
@@ -51,6 +53,11 @@ class Beam:
     def saw_something(self) -> NDArray[np.bool_]:
         """Which axes came back with an obstacle, (N,)."""
         return np.isfinite(self.ranges_m)
+
+    @property
+    def marks(self) -> NDArray[np.bool_]:
+        """Which axes mark their obstacle, (N,)."""
+        return self.saw_something & (self.ranges_m <= self.mark_to_m)
 
     @property
     def far_m(self) -> NDArray[np.float64]:

@@ -107,6 +107,16 @@ class SensorSection(Section):
         description="how far a beam clears; by default to its end, and a scan's beam without "
         "return as far as others nearby came back from",
     )
+    mark_to_m: Positive | None = Field(
+        None,
+        description="obstacles beyond are not marked, only what lies before them is cleared; "
+        "default: at any range",
+    )
+    forget_s: Positive | None = Field(
+        None,
+        description="evidence halves in that time, for what moves (of a layer's last sensor); "
+        "default: never",
+    )
 
 
 class _AllKeys(Section):

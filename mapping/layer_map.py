@@ -33,17 +33,20 @@ class LayerMap:
         mine = [number for number, sensor in enumerate(sensors) if sensor.layer == name]
         last = sensors[mine[-1]]
         self.name, self.geometry, self.sensors = name, geometry, tuple(sensors)
-        self.state = start(last.update, geometry, last.own)
+        self.state = start(last.update, geometry, last.own, forget_s=last.forget_s)
         self._threads = threads
         rule = self.state.rule
-        self._adders: dict[str, Adder] = adders(rule, sensors, mine)
+        self._adders: dict[str, Adder] = {}
+        if last.forget_s is None:  # the kernels know no time
+            self._adders = adders(rule, sensors, mine)
         self._names = [_SLOWLY, *self._adders]
         self._is_mine = np.zeros(len(sensors), np.bool_)
         self._is_mine[mine] = True
         self._single = np.zeros(len(sensors), np.int64)  # index into the names, by sensor
         self._scans = np.zeros(len(sensors), np.int64)
         for number in mine:
-            self._single[number] = self._names.index(adder_of(rule, sensors, number))
+            way = adder_of(rule, sensors, number)
+            self._single[number] = self._names.index(way) if way in self._adders else 0
             scans = f"scans {number}"
             self._scans[number] = self._names.index(scans) if scans in self._adders else 0
 

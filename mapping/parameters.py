@@ -96,6 +96,8 @@ class Sensor:
     second_grid: bool
     no_echo: str
     clear_to_m: float | None = None  # None: to the beam's end
+    mark_to_m: float | None = None  # None: at any range
+    forget_s: float | None = None  # None: never
     range_scale: float = 1.0
     range_bias_m: float = 0.0
     own: Mapping[str, Any] = field(default_factory=dict, hash=False)

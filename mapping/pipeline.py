@@ -110,11 +110,14 @@ def merge(
             yield from maps[readings.sensors[readings.sensor[row]].layer].merge_one(readings, row)
             if merged is not None:
                 merged(readings.first_number + row + 1)
-        return
-    for each in maps.values():
-        each.merge_many(readings)
-    if merged is not None:
-        merged(readings.first_number + len(readings))
+    else:
+        for each in maps.values():
+            each.merge_many(readings)
+        if merged is not None:
+            merged(readings.first_number + len(readings))
+    if len(readings):
+        for each in maps.values():
+            each.state.pass_time(int(readings.t_ns.max()))
 
 
 def geometry_of(placed: Iterable[Readings], config: MappingConfig) -> GridGeometry:

@@ -31,7 +31,8 @@ class Touch:
     with the cell changed all the same. ``range_m`` is that of the beam's axis nearest to the cell
     (+Inf: it saw nothing), ``distance_m`` from the sensor to the cell's centre. ``evidence``,
     ``before`` and ``after`` are probabilities of being occupied; NaN for a reading that ended
-    before the cell, when no other had yet reached it.
+    before the cell, when no other had yet reached it. ``moved_by`` are the sums that
+    changed there, of a rule of several, and by how much log-odds each.
     """
 
     reading: int
@@ -44,6 +45,7 @@ class Touch:
     evidence: float
     before: float
     after: float
+    moved_by: tuple[tuple[str, float], ...] = ()
 
     @property
     def effect(self) -> float:
@@ -125,6 +127,7 @@ class CellProbe:
                 reading=beam.number, t_ns=beam.t_ns, layer=merged.layer, sensor=beam.sensor,
                 range_m=float(beam.ranges_m[axis]), distance_m=distance, zone=zone or BESIDE,
                 evidence=evidence, before=before, after=after,
+                moved_by=merged.sums.changes(*inside) if inside and merged.sums else (),
             )
         )  # fmt: skip
 

@@ -109,7 +109,7 @@ class Readings:
             layer=sensor.layer, world_from_base=self.world_from_base.one(row),
             world_from_sensor=self.world_from_sensor.one(row), bearings_rad=bearings_rad,
             ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad,
-            reach_m=reach_of_axes(self.reach_m[axes]),
+            reach_m=reach_of_axes(self.reach_m[axes]), mark_to_m=sensor.mark_to_m or math.inf,
         )  # fmt: skip
 
     def beams(self) -> Iterator[Beam]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from mapping.fusion import FUSED
 from mapping.probing import BEHIND, BESIDE, EMPTY, OBSTACLE, CellProbe, Touch
@@ -10,7 +11,8 @@ from replay.tables import markdown_table, text_table
 
 STRONGEST = 8  # readings in a table
 _HEAD = ("reading", "sensor", "range", "zone", "before", "after", "effect")
-_TEXTS, _NUMBERS = (1, 3), (0, 2, 4, 5, 6)  # columns
+_TEXTS, _NUMBERS = (1, 3, 7), (0, 2, 4, 5, 6)  # columns
+_SUMS = 3  # that a reading moved most, of a rule of several
 
 _PLACES = {
     OBSTACLE: "where the obstacle may be",
@@ -52,7 +54,8 @@ def touch_text(touch: Touch) -> str:
         return head
     if touch.effect == 0:
         return f"{head}; it stays at {percent(touch.after)}"
-    return f"{head}; {percent(touch.before)} → {percent(touch.after)}"
+    by = f", by {moved_by(touch.moved_by)}" if touch.moved_by else ""
+    return f"{head}; {percent(touch.before)} → {percent(touch.after)}{by}"
 
 
 def explanation(probe: CellProbe, layers: tuple[str, ...]) -> str:
@@ -112,16 +115,23 @@ def _most(shown: list[Touch], total: int) -> str:
     return f"the {len(shown)} that moved it most, of {total}"
 
 
+def moved_by(changes: Sequence[tuple[str, float]]) -> str:
+    """``misses near -0.87, misses -0.12``: the sums that changed most, in log-odds."""
+    return ", ".join(f"{name} {change:+.2f}" for name, change in changes[:_SUMS])
+
+
 def _range(touch: Touch) -> str:
     return f"{touch.range_m:.3f} m" if math.isfinite(touch.range_m) else "nothing"
 
 
 def _rows(touches: list[Touch]) -> list[tuple[str, ...]]:
+    by_sums = any(touch.moved_by for touch in touches)
     rows = [
         (
             str(touch.reading), touch.sensor, _range(touch), touch.zone, percent(touch.before),
             percent(touch.after), f"{100 * touch.effect:+.1f}",
+            *([moved_by(touch.moved_by)] * by_sums),
         )
         for touch in touches
     ]  # fmt: skip
-    return [_HEAD, *rows]
+    return [(*_HEAD, *(["by, in log-odds"] * by_sums)), *rows]

@@ -89,6 +89,25 @@ def test_shared_rooms(shared_data: Path, name: str) -> None:
     assert_one_map(list(read_session(path).messages())[:4000], live=False)
 
 
+@pytest.mark.parametrize("rule", RULES)
+def test_a_map_that_forgets(rule: str) -> None:
+    messages = list(read_session(LOGS / "room.mcap").messages())[:600]
+    assert_one_map(messages, "sensors.ping.forget_s=3", f"sensors.*.update={rule}")
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_obstacles_too_far_to_be_marked(rule: str) -> None:
+    messages = list(read_session(LOGS / "room.mcap").messages())[:600]
+    near = ["sensors.*.mark_to_m=0.5", f"sensors.*.update={rule}"]
+    assert_one_map(messages, *near)
+    everywhere, marked = (
+        next(a.layer for a in build_maps(messages, config(*settings), watched=False)
+             if isinstance(a, Snapshot) and a.layer.name == "ping")
+        for settings in (near[1:], near)
+    )  # fmt: skip
+    assert (marked.probability > 0.5).sum() < (everywhere.probability > 0.5).sum()
+
+
 @pytest.mark.parametrize("settings", [
     ["sensors.ping.rasteriser=arcs"],
     ["sensors.*.no_echo=empties", "sensors.ping.beam_width_deg=200"],

@@ -327,6 +327,9 @@ def test_one_spot_100_000_times_is_neither_nan_nor_stuck(rule):
     """Certain and uncertain readings alike; afterwards the opposite moves what listens to it."""
     cells = {k: np.full((1, 4), v) for k, v in UPDATE_RULES[rule].start.items()}
     evidence, other = temp_of([1.0, 0.7, 0.3, 0.0]), temp_of([0.0, 0.3, 0.7, 1.0])
+    if rule == "pooled":  # which asks for the range
+        beam = replace(evidence.beam, ranges_m=np.array([0.3]))
+        evidence, other = replace(evidence, beam=beam), replace(other, beam=beam)
     himm_sensor = replace(PING, model="peak", range_error=0.0)
     if rule == "himm":
         evidence = make_temp_grid(beam_of(0.3), himm_sensor, ROW)
@@ -347,8 +350,10 @@ def test_one_spot_100_000_times_is_neither_nan_nor_stuck(rule):
         assert (swapped[2:] > 0.5).all()
     elif rule == "sum":
         assert (np.abs(after - before) > 10).all()
-    elif rule == "himm":
+    elif rule in ("himm", "pooled"):
         assert not np.array_equal(after, before)
+    elif rule == "saturating":
+        assert (after != before).all()
     else:  # seen once is seen, and a count never sinks: they do not listen to emptiness
         assert (after >= before).all()
 
@@ -411,3 +416,87 @@ def test_layers_are_locked_copies():
     assert layer.values.max() == 0.0
     for array in (layer.values, layer.probability, layer.observed, *layer.extra.values()):
         assert not array.flags.writeable
+
+
+# --- what moves -------------------------------------------------------------------------------
+
+
+def at_time(seconds, probability):
+    temp = temp_of([probability, *[0.5] * 7])
+    beam = replace(temp.beam, t_ns=round(seconds * 1e9), ranges_m=np.array([0.3]))
+    return replace(temp, beam=beam)
+
+
+def test_evidence_halves_in_its_half_life():
+    state = start("bayes", ROW, forget_s=10.0)
+    state.merge(at_time(100.0, 0.9))
+    one = float(log_odds(np.array(0.9)))
+    for seconds, left in ((100.0, one), (110.0, one / 2), (130.0, one / 8)):
+        state.pass_time(round(seconds * 1e9))
+        assert state.cells["log_odds"][0, 0] == pytest.approx(left)
+    state.layer("sonar")  # looking changes nothing
+    state.merge(at_time(140.0, 0.2))
+    expected = one / 16 + float(log_odds(np.array(0.2)))
+    assert state.cells["log_odds"][0, 0] == pytest.approx(expected)
+    state.pass_time(0)  # time that steps back stands still
+    assert state.cells["log_odds"][0, 0] == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("rule", sorted(UPDATE_RULES))
+def test_every_rule_forgets_towards_what_it_began_with(rule):
+    state = start(rule, ROW, forget_s=1.0)
+    empty = state.layer("sonar").values
+    state.merge(at_time(0.0, 0.9))
+    state.pass_time(round(60e9))
+    np.testing.assert_allclose(state.layer("sonar").values, empty, atol=1e-6)
+
+
+# --- sums apart -------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("hits", "misses"), [(1, 0), (3, 2), (100_000, 0), (5, 5)])
+def test_saturating_follows_its_formula(hits, misses):
+    state = start("saturating", ROW)
+    for p, times in ((0.9, hits), (0.3, misses)):
+        cells = dict(state.cells)
+        one = start("saturating", ROW)
+        one.merge(temp_of([p, *[0.5] * 7]))
+        for name, array in one.cells.items():
+            cells[name] += times * array
+    above, below = hits * math.log(9.0), misses * math.log(7.0 / 3.0)
+    expected = (above - below) / (1.0 + (above + below) / 7.12)
+    assert state.layer("").probability[0, 0] == pytest.approx(1 / (1 + math.exp(-expected)), 1e-5)
+
+
+def test_saturating_takes_the_strengths_that_suit_it():
+    asked = {"sensors": {"*": {"update": "saturating"}}}
+    reported = ReportedSensor("ping", Radiation.ULTRASOUND)
+    sensor = resolve_sensor(reported, MappingConfig.model_validate(asked), mounted=False)
+    assert (sensor.hit, sensor.miss) == (4.74, 0.41)
+    asked["sensors"]["*"]["hit"] = 2.0
+    sensor = resolve_sensor(reported, MappingConfig.model_validate(asked), mounted=False)
+    assert (sensor.hit, sensor.miss) == (2.0, 0.41)
+
+
+@pytest.mark.parametrize(("text", "words"), [
+    ("fade_m = 1", "a table weights"),
+    ("fade_m = 1\nmost_unpassed = 1\nbias = nan\n[weights]\nhits = 1", "misses must be a number"),
+    ("[a]\n[b]", "weights of which table"),
+    ("x = =", "TOML"),
+])  # fmt: skip
+def test_weights_that_cannot_be_used_get_one_line(tmp_path, text, words):
+    file = tmp_path / "w.toml"
+    file.write_text(text)
+    with pytest.raises(BadInput, match=words):
+        start("pooled", ROW, {"weights": str(file)}).layer("sonar")
+
+
+def test_weights_may_not_turn_evidence_round(tmp_path):
+    from mapping.update_rules.pooled_weights import SHIPPED, weights_of
+
+    text = SHIPPED.read_text().replace("misses_near = -", "misses_near = ")
+    (tmp_path / "w.toml").write_text(text)
+    with pytest.raises(BadInput, match="misses_near must not be positive"):
+        weights_of(f"{tmp_path / 'w.toml'}#sonar")
+    with pytest.raises(BadInput, match="no weights 'radar'"):
+        weights_of("radar")

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.grid import Layer
 from mapping.scoring.truth import Truth
 from mapping.update_rules.pooled_weights import SIGNS, Weights
+from mapping.update_rules.state import MapState
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -39,10 +39,10 @@ def terms_of(sums: Sequence[Floats]) -> Floats:
     return np.stack([a if name.startswith("nearest") else np.log1p(a) for name, a in names], -1)
 
 
-def sample_of(layer: Layer, seen: Flags, truth: Truth) -> Sample:
-    """What a map of `pooled` teaches, its ``extra`` being the sums; ``seen``: what could be seen."""
-    terms = terms_of([layer.extra[name].astype(np.float64) for name in SIGNS])
-    walls, touched = truth.wall_cells(layer.geometry), layer.observed
+def sample_of(state: MapState, seen: Flags, truth: Truth) -> Sample:
+    """What a map of `pooled` teaches; ``seen`` (rows, cols) are the cells that could be seen."""
+    terms = terms_of([state.cells[name] for name in SIGNS])
+    walls, touched = truth.wall_cells(state.geometry), state.layer("").observed
     parts = [
         (terms[which], np.full(count, wanted), np.full(count, share / count))
         for which, wanted, share in (

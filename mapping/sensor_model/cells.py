@@ -24,7 +24,8 @@ class Spans:
     """Of each axis, (N,) metres: its range, and where its band begins and ends.
 
     An axis that saw nothing has its front up to the sensor's reach and no band (an end of -1); one
-    without evidence of any kind begins at -1, too.
+    whose obstacle lies too far to be marked has no band either; one without evidence of any kind
+    begins at -1, too.
     """
 
     range_m: Floats
@@ -44,7 +45,7 @@ def spans_of(beam: Beam, sensor: Sensor, model: SensorModel) -> Spans:
     silent = ~seen & ~(np.isposinf(ranges) & (sensor.no_echo == "empties"))
     range_m = np.where(seen, ranges, beam.reach_m)
     start = np.where(seen, range_m * (1.0 - before), range_m)
-    end = np.where(seen, range_m * (1.0 + behind), -1.0)
+    end = np.where(seen & (range_m <= beam.mark_to_m), range_m * (1.0 + behind), -1.0)
     start[silent] = -1.0
     return Spans(range_m, start, end)
 

@@ -24,8 +24,8 @@ def axis_cells(temp: TempGrid) -> tuple[Flags, Flags]:
     passed = np.zeros((window.rows, window.cols), np.bool_)
     hit = np.zeros_like(passed)
     ends_m = beam.far_m
-    for heading, range_m, end_m in zip(beam.headings_rad, beam.ranges_m, ends_m, strict=True):
-        seen = math.isfinite(range_m)
+    axes = zip(beam.headings_rad, beam.ranges_m, ends_m, beam.marks.tolist(), strict=True)
+    for heading, range_m, end_m, seen in axes:
         if math.isnan(range_m):
             continue
         row, col = line_cells(temp, float(heading), float(end_m))

@@ -27,6 +27,7 @@ THIN, THIN_M = 0.01, 0.01  # the arc itself ends so much behind the range, relat
 FARTHEST_MISS_M, FARTHEST_HIT_M = 0.6, 1.5  # the nearest ones count no farther than this
 LIMITS = NEAR_M, MIDDLE_M, BEFORE_ARC_M, THIN, THIN_M
 """What the kernel is given of these, in its order."""
+LEAST = 0.01  # hits and misses together: what one reading at 7 m counts
 MOST = 13.8  # log-odds that no sums pass
 _HALF_DIAGONAL = 0.7072
 _ROUNDING_M = 1e-9
@@ -69,8 +70,10 @@ class Pooled(UpdateRule):
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         rho, range_m = _distances(temp)
         band, arc_end = temp.band, arc_end_m(range_m, temp.geometry.resolution_m)
+        band = band & np.isfinite(range_m)
         free = temp.free & (temp.probability != 0.5) & ~band
-        fade_m, seen = self.learned.fade_m, np.isfinite(range_m)
+        fade_m = self.learned.fade_m
+        seen = np.isfinite(range_m) & (range_m <= temp.beam.mark_to_m)
         for name, those, metres in (("hits", band, range_m), ("misses", free, rho)):
             share = in_steps(1.0 / (1.0 + np.square(metres / fade_m)))
             cells[name] += np.where(those, share, 0.0)
@@ -88,16 +91,15 @@ class Pooled(UpdateRule):
         total = np.full(cells["hits"].shape, learned.bias)
         for term in self._weighted(cells).values():
             total += term
+        # Less than one reading at the farthest is left where a map forgets.
+        total *= np.minimum((cells["hits"] + cells["misses"]) / LEAST, 1.0)
         total = np.where(cells["hits"] == 0.0, np.minimum(total, 0.0), total)
         held = np.clip(total, 0.0, learned.most_unpassed)
         total = np.where(cells["misses"] == 0.0, held, total)
         return expit(MOST * np.tanh(total / MOST))
 
-    def extra(self, cells: Cells) -> dict[str, Floats]:
-        return dict(cells)
-
     def terms(self, cells: Cells) -> dict[str, Floats]:
-        return {name.replace("_m", "").replace("_", " "): term
+        return {name.removesuffix("_m").replace("_", " "): term
                 for name, term in self._weighted(cells).items()}  # fmt: skip
 
     def _weighted(self, cells: Cells) -> dict[str, Floats]:

@@ -53,9 +53,6 @@ class Saturating(UpdateRule):
         above, below = cells["evidence_for"], cells["evidence_against"]
         return expit((above - below) / self._damping(above + below))
 
-    def extra(self, cells: Cells) -> dict[str, Floats]:
-        return dict(cells)
-
     def terms(self, cells: Cells) -> dict[str, Floats]:
         above, below = cells["evidence_for"], cells["evidence_against"]
         damping = self._damping(above + below)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.artifacts import MergedGrid, TempGrid
+from mapping.artifacts import MergedGrid, Sums, TempGrid
 from mapping.grid import GridGeometry, Layer, Window, read_only
 from mapping.names import choose
+from mapping.update_rules.forgetting import Forgetting
 from mapping.update_rules.rules import (
     BUILT_IN_RULES,
     UPDATE_RULES,
@@ -49,8 +50,13 @@ class MapState:
     the largest value so far, for a rule whose probability is a share of it.
     """
 
-    def __init__(self, rule: UpdateRule, geometry: GridGeometry) -> None:
+    def __init__(
+        self, rule: UpdateRule, geometry: GridGeometry, forget_s: float | None = None
+    ) -> None:
         self.rule = rule
+        self._forgetting = None
+        if forget_s is not None:
+            self._forgetting = Forgetting(forget_s, rule.start, geometry.shape)
         self.geometry = geometry
         self._values_are_probabilities = (
             type(rule).probability is UpdateRule.probability
@@ -60,7 +66,7 @@ class MapState:
         self._steps: NDArray[np.int32] | None = None
         self._stack = np.zeros((0, *geometry.shape))
         self._arrays: Cells = {}
-        if type(rule).merge is Bayes.merge:
+        if type(rule).merge is Bayes.merge and forget_s is None:
             from mapping.kernels.batch import steps
 
             self._steps = steps.blank(geometry.rows, geometry.cols)
@@ -79,14 +85,21 @@ class MapState:
     @property
     def cells(self) -> Cells:
         """The rule's arrays over the whole grid, by name; log-odds as a copy."""
-        return self._cut(Window(0, 0, *self.geometry.shape))
+        everywhere = Window(0, 0, *self.geometry.shape)
+        cells = self._cut(everywhere)
+        return cells if self._forgetting is None else self._forgetting.faded(cells, everywhere)
 
     @property
     def largest(self) -> float:
         """The largest value of the map, for a rule that needs it; 0 otherwise."""
-        if self._stale:
+        if self._stale or self._forgetting is not None:
             self._look_again()
         return self._largest
+
+    def pass_time(self, t_ns: int) -> None:
+        """It is ``t_ns`` now, as other layers' readings tell: a map that forgets does so."""
+        if self._forgetting is not None:
+            self._forgetting.now_ns = max(self._forgetting.now_ns, t_ns)
 
     def merge(self, temp: TempGrid, kernel: Kernel | None = None) -> MergedGrid:
         """Merge one reading and return what the map holds now where the reading could change it.
@@ -99,13 +112,18 @@ class MapState:
             self._look_again()
         here = temp.window.slices
         previous = self._probability[here].copy()
+        if self._forgetting is not None:
+            self._forgetting.draw(self._cut(temp.window), temp.window, temp.beam.t_ns)
         before = self._largest_in(temp.window)
+        old = self._kept_sums(temp.window)
         if kernel is None:
             self._merge_cells(temp)
         elif not temp.window.empty:
             self._change(temp.window, kernel)
         self._follow_largest(temp.window, before)
-        cells = self._cut(temp.window)
+        cells, sums = self._cut(temp.window), None
+        if old is not None:
+            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule.terms)
         probability = self.rule.probability(cells, self._largest).astype(np.float32)
         values = probability
         if not self._values_are_probabilities:
@@ -118,7 +136,7 @@ class MapState:
         return MergedGrid(
             beam=temp.beam, layer=temp.beam.layer, rule=self.rule.name, kind=self.rule.kind,
             geometry=self.geometry, window=temp.window, values=values, probability=probability,
-            previous=previous,
+            previous=previous, sums=sums,
         )  # fmt: skip
 
     def merge_many(self, kernel: Kernel) -> None:
@@ -193,6 +211,12 @@ class MapState:
             return {"log_odds": log_odds}
         return {name: array[window.slices] for name, array in self._arrays.items()}
 
+    def _kept_sums(self, window: Window) -> Cells | None:
+        """A copy of the cells of a window, for a rule whose sums somebody may ask about."""
+        if type(self.rule).terms is UpdateRule.terms:
+            return None
+        return {name: array.copy() for name, array in self._cut(window).items()}
+
     def _largest_in(self, window: Window) -> float:
         if not self.rule.against_largest:
             return 0.0
@@ -216,11 +240,16 @@ def _exported(array: Floats) -> NDArray[np.float32]:
 
 
 def start(
-    rule: str, geometry: GridGeometry, parameters: Mapping[str, Any] | None = None
+    rule: str,
+    geometry: GridGeometry,
+    parameters: Mapping[str, Any] | None = None,
+    *,
+    forget_s: float | None = None,
 ) -> MapState:
     """An empty map for an update rule; BadInput where there is no rule of that name.
 
-    The rule finds the values of its own keys among ``parameters``.
+    The rule finds the values of its own keys among ``parameters``. In ``forget_s`` evidence halves;
+    such a map takes readings one by one, in the order of time, and without a kernel.
     """
     known = choose(UPDATE_RULES, rule, "update rule")
-    return MapState(known.with_parameters(parameters or {}), geometry)
+    return MapState(known.with_parameters(parameters or {}), geometry, forget_s)

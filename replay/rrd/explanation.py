@@ -29,6 +29,7 @@ from mapping.artifacts import (
 from mapping.beams import Beam
 from mapping.fusion import FUSED
 from replay.colours import in_place, sensor_colour_names
+from replay.probe_text import moved_by
 from replay.rrd import layout
 from replay.tables import markdown_table
 
@@ -163,14 +164,21 @@ def _merged(merged: MergedGrid) -> str:
     row, col = divmod(most, merged.window.cols)
     cell = np.array([[row + merged.window.row0, col + merged.window.col0]], np.int64)
     x, y = merged.geometry.centres_of(cell)[0]
+    by_sums = _by_sums(merged, row, col)
     return (
         f"{head}{rule} **{changed:,} cells changed**: {occupied:,} more occupied, "
         f"{free:,} more free.\n\nThe largest change: the cell at ({x:.3f}, {y:.3f}) m (row "
         f"{cell[0, 0]}, column {cell[0, 1]}) went from "
-        f"{percent(before[row, col])} to **{percent(after[row, col])}**.\n\n"
+        f"{percent(before[row, col])} to **{percent(after[row, col])}**{by_sums}.\n\n"
         f"Of the {after.size:,} cells around this beam, {above:,} are now "
         f"rather occupied and {below:,} rather free."
     )
+
+
+def _by_sums(merged: MergedGrid, row: int, col: int) -> str:
+    """Which sums moved a cell, for a rule that keeps several."""
+    changes = () if merged.sums is None else merged.sums.changes(row, col)
+    return f", by {moved_by(changes)} in log-odds" if changes else ""
 
 
 def _snapshot(snapshot: Snapshot) -> str:

@@ -101,17 +101,18 @@ def place_of(origin_m: tuple[float, float], size_m: float, row0: int = 0, col0: 
 
 def ends_of(
     ranges_m: Floats, reach_m: Floats | float, before: Floats | float, behind: Floats | float,
-    empties: NDArray[np.bool_] | bool,
+    empties: NDArray[np.bool_] | bool, mark_to_m: Floats | float = math.inf,
 ) -> tuple[Floats, Floats, Floats]:  # fmt: skip
     """Range, end of the front and end of the band of each reading, in the shape of ``ranges_m``.
 
     A range of +Inf saw nothing: it has its front up to ``reach_m`` and no band where it
-    ``empties`` its beam. It says nothing where it does not, and neither does NaN nor a negative.
+    ``empties`` its beam; one beyond ``mark_to_m`` has no band either. A range says nothing where
+    it does not empty, and neither does NaN nor a negative.
     """
     ranges = np.asarray(ranges_m, np.float64)
     seen = np.isfinite(ranges) & (ranges >= 0.0)
     silent = ~seen & ~(np.isposinf(ranges) & empties)
     far = np.where(seen, ranges, reach_m)
     front = np.where(silent, -1.0, np.where(seen, far * (1.0 - np.asarray(before)), far))
-    band = np.where(seen, far * (1.0 + np.asarray(behind)), -1.0)
+    band = np.where(seen & (far <= mark_to_m), far * (1.0 + np.asarray(behind)), -1.0)
     return far, front, band
