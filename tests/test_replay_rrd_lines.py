@@ -72,7 +72,7 @@ def test_every_stage_and_tracer_step_is_a_step_of_the_recording(
         assert layers == [s.layer for s in recording.steps if s.artifact == kind.__name__]
         assert set(layers) <= set(recording.layers)
     assert {a.kind for a in artifacts if isinstance(a, LineStage)} == {
-        "split", "merge", "fit", "corner",
+        "split", "merge", "fit", "corner", "move", "drop",
     }  # fmt: skip
 
 
