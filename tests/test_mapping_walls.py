@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 from mapping.artifacts import LineStage, Segment, Snapshot
 from mapping.config import MappingConfig, SegmentsSection
 from mapping.pipeline import build_maps
+from mapping.placed_session import place_session
+from mapping.readings import Readings
 from mapping.scoring.segment_scores import segment_scores
 from mapping.segments import segments_at_walls
 from mapping.segments.refit import refit
-from mapping.segments.sightings import MOST, Sightings
+from mapping.segments.sightings import MOST, SightingLog, Sightings
 from mapping.segments.stages import Drop, Move, Stage
 from mapping.segments.stretch import Stretch
 from recorder.simulator.echoes import cast
@@ -207,6 +209,24 @@ def test_evidence_equals_its_obvious_twin(seed: int) -> None:
 def test_more_readings_than_are_needed_are_thinned() -> None:
     parts = [seen(1, 100)] * (MOST // 100 + 1)
     assert MOST // 2 <= len(Sightings.joined(parts)) <= MOST
+
+
+def test_what_is_kept_does_not_depend_on_the_portions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mapping.segments.sightings.MOST", 40)
+    messages = [message for _, message in simulate(ROOMS["empty"], duration_s=30.0, seed=3)]
+    whole = Readings.joined(
+        [each for each in place_session(messages, MappingConfig()) if len(each)]
+    )
+    logs = []
+    for portion in (len(whole), 7, 1):
+        log = SightingLog()
+        for begin in range(0, len(whole), portion):
+            log.take(whole[begin : begin + portion])
+        logs.append([log.of_layer(layer) for layer in ("ping", "dirrs", "fused")])
+    for other in logs[1:]:
+        for a, b in zip(logs[0], other, strict=True):
+            assert 20 <= len(a) <= 40
+            assert np.array_equal(a.points_m, b.points_m)
 
 
 @pytest.fixture(scope="module")

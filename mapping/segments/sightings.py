@@ -10,7 +10,6 @@ wall gives any.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 
@@ -28,7 +27,6 @@ Ints = NDArray[np.int64]
 
 NARROW_RAD = math.radians(10.0)  # what such a beam goes through is free
 MOST = 40_000  # readings a layer: more do not make its lines surer
-_KEPT = 4  # times as many are held while the readings go by
 _AXES = 32  # of a scan
 _FACING = 0.9  # of half the beam: further out little comes back
 
@@ -67,12 +65,18 @@ class Sightings:
     @classmethod
     def joined(cls, parts: Sequence[Sightings]) -> Sightings:
         """Several, one behind the other; of more than :data:`MOST` every k-th."""
-        many = sum(map(len, parts))
-        if many == 0:
+        if not parts:
             return cls.none()
-        step = -(-many // MOST)
-        return cls(*(np.concatenate([getattr(part, each.name) for part in parts])[::step]
-                     for each in fields(cls)))  # fmt: skip
+        whole = cls.of_all(parts)
+        step = max(-(-len(whole) // MOST), 1)
+        return whole if step == 1 else whole.of(np.arange(0, len(whole), step))
+
+    @classmethod
+    def of_all(cls, parts: Sequence[Sightings]) -> Sightings:
+        """Several (one at least), one behind the other."""
+        return cls(
+            *(np.concatenate([getattr(part, each.name) for part in parts]) for each in fields(cls))
+        )
 
     def __len__(self) -> int:
         return len(self.range_m)
@@ -146,12 +150,14 @@ class Sightings:
 
 
 class SightingLog:
-    """The sightings of each layer, gathered while the readings are merged."""
+    """The sightings of each layer, gathered while the readings are merged.
+
+    They are the same however the readings come in portions; of a sensor that met more than twice
+    :data:`MOST` things every second is kept, or every fourth, and so on.
+    """
 
     def __init__(self) -> None:
-        self._parts: dict[str, list[Sightings]] = {}
-        self._seen: Counter[str] = Counter()  # so many there were, of which every k-th is kept
-        self._every: dict[str, int] = {}
+        self._of_sensor: dict[tuple[str, str], _OfSensor] = {}
 
     def take(self, readings: Readings) -> None:
         """Note what some readings met; a laser alone needs none of it (:mod:`.scan_lines`)."""
@@ -160,26 +166,31 @@ class SightingLog:
         for number, sensor in enumerate(readings.sensors):
             mine = readings.sensor == number
             if mine.any():
-                found = _sightings_of(readings, mine, sensor)
-                self._keep(sensor.layer, found)
-
-    def _keep(self, layer: str, found: Sightings) -> None:
-        """Add to a layer; where they become too many by far, only every second one stays."""
-        every = self._every.setdefault(layer, 1)
-        parts = self._parts.setdefault(layer, [])
-        parts.append(found.of(np.arange(-self._seen[layer] % every, len(found), every)))
-        self._seen[layer] += len(found)
-        if sum(map(len, parts)) > _KEPT * MOST:
-            whole = Sightings(*(np.concatenate([getattr(part, each.name) for part in parts])
-                                for each in fields(Sightings)))  # fmt: skip
-            parts[:] = [whole.of(np.arange(0, len(whole), 2))]
-            self._every[layer] = 2 * every
+                known = self._of_sensor.setdefault((sensor.layer, sensor.name), _OfSensor())
+                known.take(_sightings_of(readings, mine, sensor))
 
     def of_layer(self, layer: str) -> Sightings:
         """Those of the sensors of a layer; of no such layer, as of the fused one, those of all."""
-        if layer in self._parts:
-            return Sightings.joined(self._parts[layer])
-        return Sightings.joined([part for parts in self._parts.values() for part in parts])
+        mine = [key for key in sorted(self._of_sensor) if key[0] == layer]
+        keys = mine or sorted(self._of_sensor)
+        return Sightings.joined([part for key in keys for part in self._of_sensor[key].parts])
+
+
+class _OfSensor:
+    """Every k-th sighting of one sensor."""
+
+    def __init__(self) -> None:
+        self.parts: list[Sightings] = []
+        self._many, self._kept, self._step = 0, 0, 1
+
+    def take(self, found: Sightings) -> None:
+        kept = found.of(np.flatnonzero((self._many + np.arange(len(found))) % self._step == 0))
+        self._many += len(found)
+        self._kept += len(kept)
+        self.parts.append(kept)
+        while self._kept > 2 * MOST:
+            whole = Sightings.of_all(self.parts).of(np.arange(0, self._kept, 2))
+            self.parts, self._kept, self._step = [whole], len(whole), 2 * self._step
 
 
 def _sightings_of(readings: Readings, mine: Flags, sensor: Sensor) -> Sightings:

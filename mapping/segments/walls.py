@@ -206,7 +206,7 @@ def _in_few_places(wall: Stretch, own: Sightings) -> bool:
     t, off = wall.frame_of(places)
     on_wall = can & (np.abs(off) < np.maximum(_TIGHT_M, _TIGHT_SHARE * own.range_m))
     cells = max(math.ceil(wall.length_m / _PLACE_M), 1)
-    at = np.floor((t[on_wall | ~own.arc] - wall.begin_m) * (cells / wall.length_m))
+    at = np.floor((t[on_wall | ~own.arc] - wall.begin_m) * (cells / max(wall.length_m, 1e-9)))
     filled = len(np.unique(at[(at >= 0) & (at < cells)])) / cells
     return filled < _CROWDED * (1.0 - math.exp(-len(own) / cells))
 
