@@ -7,6 +7,10 @@
             "golden/run.npz", atol=1e-4
         )
 
+    def test_the_map_is_good(session_map):
+        score = session_map("logs/run.mcap").score("room")
+        assert score["fused"].cells.log_loss < 0.2
+
 A map that differs fails the test with what ``echogrid diff`` reports of it, and leaves a picture in
 the test's temporary folder. ``--update-golden`` writes the golden maps instead of comparing.
 Nothing heavy is imported before a test asks for a map.
@@ -22,6 +26,7 @@ import pytest
 
 if TYPE_CHECKING:
     from mapping.config import MappingConfig
+    from mapping.scoring.layers import LayerScore
     from replay.diff.comparing import Report
     from replay.diff.layers import Source
 
@@ -50,8 +55,11 @@ def pytest_load_initial_conftests(
 class MapUnderTest:
     """The map of one session. ``layers`` holds its layers by name, each with its values."""
 
-    def __init__(self, source: Source, request: pytest.FixtureRequest, pictures: Path) -> None:
+    def __init__(
+        self, source: Source, request: pytest.FixtureRequest, pictures: Path, config: MappingConfig
+    ) -> None:
         self._source, self._request, self._pictures = source, request, pictures
+        self._config = config
 
     @property
     def layers(self) -> Mapping[str, Any]:
@@ -84,6 +92,28 @@ class MapUnderTest:
         if not report.differs:
             return True
         pytest.fail("\n".join(self._explanation(report, path)), pytrace=False)
+
+    def score(self, walls: str | Path | None = None) -> Mapping[str, LayerScore]:
+        """How right each layer is, by name, as ``echogrid score`` has it.
+
+        ``walls`` are a room's name, a GeoJSON file or a map_server map, whose path is looked for
+        as in ``matches``; without them those count that the session carries. Of a score,
+        ``cells.log_loss``, ``cells.ghost_m2`` and their kin, and ``lines_of("grid")`` are what an
+        assertion is made of. Raises an EchogridError where there is nothing to judge by.
+        """
+        from recorder.errors import BadInput
+        from recorder.simulator.rooms import ROOMS
+        from replay.scoring.judging import score_source
+
+        given = None if walls is None else str(walls)
+        if given is not None and given not in ROOMS:
+            given = str(_found(self._request, Path(given)))
+        report = score_source(
+            self._source, walls=given, session=self._source.path, config=self._config
+        )
+        if report.truth is None:
+            raise BadInput(f"{self._source.path} carries no walls: score(walls) needs them")
+        return report.scores
 
     def _report(
         self, path: Path, atol: float, lines_atol_m: float, only: tuple[str, ...]
@@ -159,7 +189,7 @@ class SessionMapper:
         source = map_one(_found(self._request, Path(session)), made)
         if source.damaged:
             pytest.fail("\n".join(source.notes), pytrace=False)
-        return MapUnderTest(source, self._request, self._pictures)
+        return MapUnderTest(source, self._request, self._pictures, made)
 
 
 @pytest.fixture

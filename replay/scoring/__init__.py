@@ -1,0 +1,1 @@
+"""Maps held against the truth: what is judged, the report, the picture."""
