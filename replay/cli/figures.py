@@ -33,7 +33,6 @@ def figures(
     figures show the chapter's own models; the configuration gives poses, mounts and beams.
     """
     from mapping.config import load_config
-    from replay.pictures.figures.table import NUMBERED
     from replay.pictures.figures.writing import PAGE, write_figures
 
     config = load_config(configs, settings, preset)
@@ -45,7 +44,7 @@ def figures(
         for note in outcome.notes:
             click.echo(note)
         for number, why in outcome.left_out:
-            click.echo(f"left out: {number}. {NUMBERED[number].title}: {why}")
+            click.echo(f"left out: {number}. {outcome.title(number)}: {why}")
         click.echo(f"wrote {len(outcome.made)} figures and {directory / PAGE}")
     for reason in outcome.damage:
         warn(reason)

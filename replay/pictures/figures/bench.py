@@ -52,6 +52,11 @@ class Role:
     sensor: Sensor
     rows: NDArray[np.int64]
 
+    @property
+    def scans(self) -> bool:
+        """Whether its readings have many beams each."""
+        return self.sensor.radiation == Radiation.LASER
+
 
 class Bench:
     """One session, opened and placed. Raises what opening and placing raise."""
@@ -119,11 +124,37 @@ class Bench:
         return (self.readings.beam(row) for row in role.rows.tolist())
 
     def points(self, role: Role) -> tuple[Floats, Floats]:
-        """The obstacle points (N, 2) and where the robot's centre was at each, (N, 2), metres."""
+        """The obstacle points (N, 2) and where the robot's centre was at each, (N, 2), metres.
+
+        Raises LeftOut where there are none.
+        """
         points, row = self.readings.points_m()
         mine = np.isin(row, role.rows)
+        if not mine.any():
+            raise LeftOut(f"{role.sensor.name} saw nothing")
         base = self.readings.world_from_base[row[mine]]
         return points[mine], np.column_stack([base.x_m, base.y_m])
+
+    @property
+    def laser(self) -> bool:
+        """Whether a laser stands in for the infrared."""
+        try:
+            return self.narrow.scans
+        except LeftOut:
+            return False
+
+    def ordered_points(self, role: Role) -> tuple[Floats, Box]:
+        """Obstacle points (N, 2) in an order along the walls, each once, and where they lie.
+
+        Those of a ranger in the order of time, or of a laser those of one scan.
+        """
+        if role.scans:
+            beam = self.typical(role)
+            return beam.points_m, box_of_beam(beam)
+        points, _ = self.points(role)
+        points = points[np.sort(np.unique(points, axis=0, return_index=True)[1])]
+        low, high = self.frame.corners_m
+        return points[((points >= low) & (points <= high)).all(axis=1)], self.frame
 
     def typical(self, role: Role) -> Beam:
         """A reading to look at: it saw something inside the picture, at a middling range."""
@@ -158,6 +189,8 @@ class Bench:
             made = LayerMap(role.layer, sensors, self.geometry)
             made.merge_many(readings)
             self._maps[key] = made.layer()
+        if not self._maps[key].observed.any():
+            raise LeftOut(f"{role.sensor.name} saw nothing here")
         return self._maps[key]
 
     def temp(self, role: Role, beam: Beam, **changes: Any) -> TempGrid:
@@ -185,11 +218,13 @@ def fine_grid(beam: Beam) -> GridGeometry:
 
 
 def box_of_beam(beam: Beam) -> Box:
-    """The frame of a picture of one reading."""
-    low, high = beam.bounds_m(1.15)
-    base = beam.world_from_base
-    points = np.array([low, high, [base.x_m, base.y_m]])
-    return Box.around(points, 0.06)
+    """The frame of a picture of one reading: its beam, or of a scan most of what came back."""
+    base = np.array([[beam.world_from_base.x_m, beam.world_from_base.y_m]])
+    if len(beam.ranges_m) > 1:
+        corners = np.quantile(beam.points_m, [0.04, 0.96], axis=0)
+    else:
+        corners = np.array(beam.bounds_m(1.15))
+    return Box.around(np.vstack([corners, base]), 0.06)
 
 
 def some_of(readings: Readings, rows: NDArray[np.int64]) -> Readings:

@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from replay.pictures.parts import Chart, Panel
+import numpy as np
+
+from replay.pictures.parts import Chart, Panel, Words
 
 if TYPE_CHECKING:
     from replay.pictures.figures.bench import Bench
@@ -43,3 +45,31 @@ class Figure:
     draw: Callable[[Bench], Drawing]
     settings: Mapping[str, Any] = field(default_factory=dict)
     role: str = ""
+
+    def drawn(self, bench: Bench) -> Drawing:
+        """The figure of a session. Raises LeftOut also where nothing would be seen in it."""
+        drawing = self.draw(bench)
+        if all(_is_blank(panel) for panel in drawing.panels):
+            raise LeftOut("nothing would be seen in it")
+        return drawing
+
+    def title_for(self, *, laser: bool) -> str:
+        """The title for a session whose narrow sensor is a ``laser``, no infrared."""
+        if not laser:
+            return self.title
+        return self.title.replace("infrared", "laser").replace("Infrared", "Laser")
+
+
+def _is_blank(panel: Panel | Chart) -> bool:
+    """Whether its cells are of one colour and nothing that the legend names lies over them.
+
+    The true walls alone are no figure: they are no result of the session.
+    """
+    if isinstance(panel, Chart):
+        return not panel.parts
+    if any(not isinstance(m, Words) and m.label not in ("", "true walls") for m in panel.marks):
+        return False
+    if panel.cells is None:
+        return True
+    shown = panel.cells.within(panel.frame).pixels
+    return bool((shown == shown[0, 0]).all(axis=(0, 1)).all()) if np.size(shown) else True

@@ -47,6 +47,11 @@ _EXAMPLE = np.array(
 )
 
 
+def _nothing(layer: Layer, threshold: float = THRESHOLDS[0]) -> str:
+    """Why there are no borders."""
+    return f"no cell of {layer.name} lies above {threshold:g}"
+
+
 def _chapter(bench: Bench, role: Role) -> Layer:
     return bench.layer(role, **CHAPTER)
 
@@ -79,6 +84,8 @@ def _thresholds(bench: Bench) -> Drawing:
         occupied, _ = bench.borders(layer, threshold)
         counts.append(int(occupied.sum()))
         panels.append(yes_no(bench, f"p > {threshold:.2f}", occupied, layer))
+    if not counts[0]:
+        raise LeftOut(_nothing(layer))
     caption = (
         f"In the end a robot must decide. Of {role.sensor.name}'s map {counts[0]:,}, {counts[1]:,} "
         f"and {counts[2]:,} cells are above 0.51, 0.55 and 0.60."
@@ -158,6 +165,8 @@ def _border_marks(borders: Sequence[Border]) -> list[Mark]:
 
 def _numbered(bench: Bench, title: str, layer: Layer, threshold: float) -> tuple[Panel, int]:
     _, borders = bench.borders(layer, threshold)
+    if not borders and threshold == THRESHOLDS[0]:
+        raise LeftOut(_nothing(layer))
     panel = blank(
         bench, f"{title}: {len(borders)} borders", [*walls(bench), *_border_marks(borders)]
     )
@@ -193,7 +202,7 @@ def _border_to_lines(bench: Bench) -> Drawing:
     layer = _chapter(bench, role)
     occupied, borders = bench.borders(layer, 0.51)
     if not borders:
-        raise LeftOut(f"no cell of {role.sensor.name} lies above 0.51")
+        raise LeftOut(_nothing(layer))
     border = max(borders, key=lambda b: len(b.cells))
     lines = _lines(layer, occupied, [border])
     centres = border.geometry.centres_of(border.cells)
@@ -225,6 +234,8 @@ def _lines(layer: Layer, occupied: NDArray[np.bool_], borders: Sequence[Border])
 
 def _fitted(bench: Bench, layer: Layer, threshold: float) -> Drawing:
     occupied, borders = bench.borders(layer, threshold)
+    if not borders:
+        raise LeftOut(_nothing(layer, threshold))
     lines = _lines(layer, occupied, borders)
     marks: list[Mark] = []
     for border in borders:

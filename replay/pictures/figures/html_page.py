@@ -30,7 +30,8 @@ code { display: block; font-size: 0.8rem; color: #646a78; overflow-wrap: anywher
 nav { columns: 2; font-size: 0.9rem; }
 nav a { display: block; color: inherit; break-inside: avoid; }
 .pale { color: #646a78; }
-@media print { nav { display: none; } body { padding: 0; max-width: none; font-size: 10pt; } }
+@media print { nav { display: none; } body { padding: 0; max-width: none; font-size: 9.5pt; }
+  figure { margin: 5mm 0; } figure img { max-height: 96mm; } }
 """
 
 
@@ -39,8 +40,7 @@ def figures_page(session: str, outcome: Outcome) -> str:
     name = escape(printable(session))
     count = len(outcome.made)
     links = "".join(
-        f'<a href="#figure-{made.number}">{made.number}. '
-        f"{escape(NUMBERED[made.number].title)}</a>\n"
+        f'<a href="#figure-{made.number}">{made.number}. {escape(outcome.title(made.number))}</a>\n'
         for made in outcome.made
     )
     notes = "".join(f"<p class=pale>{escape(note)}.</p>\n" for note in outcome.notes)
@@ -58,17 +58,17 @@ def _sections(outcome: Outcome) -> str:
     parts = []
     for passage, some in itertools.groupby(outcome.made, lambda m: NUMBERED[m.number].passage):
         parts.append(f"<h2>{escape(passage)}</h2>\n")
-        parts += [_figure(made) for made in some]
+        parts += [_figure(made, outcome.title(made.number)) for made in some]
     return "".join(parts)
 
 
-def _figure(made: Made) -> str:
-    figure, caption = NUMBERED[made.number], escape(made.caption)
+def _figure(made: Made, title: str) -> str:
+    caption = escape(made.caption)
     commands = "".join(f"<code>{escape(c)}</code>" for c in (made.command, made.map_command) if c)
     return (
         f'<figure id="figure-{made.number}">\n'
         f'<img src="{stem_of(made.number)}.svg" alt="{caption}">\n'
-        f"<figcaption><b>Figure {made.number}. {escape(figure.title)}.</b>{caption}"
+        f"<figcaption><b>Figure {made.number}. {escape(title)}.</b>{caption}"
         f"{commands}</figcaption>\n</figure>\n"
     )
 
@@ -77,7 +77,7 @@ def _left_out(outcome: Outcome) -> str:
     if not outcome.left_out:
         return ""
     lines = "".join(
-        f"<li>{number}. {escape(NUMBERED[number].title)}: {escape(printable(why))}</li>\n"
+        f"<li>{number}. {escape(outcome.title(number))}: {escape(printable(why))}</li>\n"
         for number, why in outcome.left_out
     )
     return f"<h2>Left out</h2>\n<ul>\n{lines}</ul>\n"

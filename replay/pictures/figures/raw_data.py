@@ -54,6 +54,8 @@ def _where(bench: Bench, role: Role) -> Drawing:
 
 def _offset(bench: Bench, role: Role) -> Drawing:
     beam = bench.typical(role)
+    if len(beam.ranges_m) > 1:
+        raise LeftOut("a laser that scans measures many ranges at once")
     base, sensor = beam.world_from_base, beam.world_from_sensor
     range_m = float(beam.ranges_m[beam.saw_something][0])
     x, y = beam.points_m[0]
@@ -79,8 +81,6 @@ def _offset(bench: Bench, role: Role) -> Drawing:
 
 def _rays(bench: Bench, role: Role) -> Drawing:
     points, base = bench.points(role)
-    if not len(points):
-        raise LeftOut(f"{role.sensor.name} saw nothing")
     taken = np.linspace(0, len(points) - 1, min(len(points), _MOST_LINES)).astype(np.int64)
     ends = np.stack([base[taken], points[taken]], axis=1)
     colour = colour_of(bench, role)
@@ -98,8 +98,6 @@ def _rays(bench: Bench, role: Role) -> Drawing:
 
 def _points(bench: Bench, role: Role) -> Drawing:
     points, _ = bench.points(role)
-    if not len(points):
-        raise LeftOut(f"{role.sensor.name} saw nothing")
     beside = ~(
         (points >= bench.frame.corners_m[0]) & (points <= bench.frame.corners_m[1])
     ).all(axis=1)  # fmt: skip

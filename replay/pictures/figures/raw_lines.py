@@ -32,41 +32,38 @@ class Lined:
     chains: Chains
     lines: list[FittedLine]
     stages: list[Stage]
+    frame: Box
 
     def of(self, kind: type[_S]) -> list[_S]:
         """The stages of one kind."""
         return [each for each in self.stages if isinstance(each, kind)]
 
 
-def chained(bench: Bench, role: Role, **changes: Any) -> tuple[Chains, SegmentsSection]:
-    """The raw points of a role in the order of time, each once, and the settings of its lines.
+def chained(bench: Bench, role: Role, **changes: Any) -> tuple[Chains, SegmentsSection, Box]:
+    """The raw points of a role in order, the settings of its lines, and what a picture shows.
 
     Raises LeftOut for too few of them.
     """
-    points, _ = bench.points(role)
-    first = np.sort(np.unique(points, axis=0, return_index=True)[1])
-    points = points[first]
-    low, high = bench.frame.corners_m
-    points = points[((points >= low) & (points <= high)).all(axis=1)]
+    points, frame = bench.ordered_points(role)
     if len(points) < 10:
         raise LeftOut(f"{role.sensor.name} has {len(points)} obstacle points: too few for lines")
     section = SegmentsSection.model_validate(
         {"epsilon_m": _EPSILON_M, "merge": "none", "wrap": "off", "min_length_m": 0.05,
          "min_points": 3, **changes}
     )  # fmt: skip
-    gap_m = section.raw_gap_m * max(1.0, max(bench.frame.width_m, bench.frame.height_m) / 5.0)
+    gap_m = section.raw_gap_m * max(1.0, max(frame.width_m, frame.height_m) / 5.0)
     chains = chains_from_points(
         points, order="time", gap_m=gap_m, closed=False, origin_m=points.mean(axis=0)
     )
-    return chains, section
+    return chains, section, frame
 
 
 def lined(bench: Bench, role: Role, **changes: Any) -> Lined:
     """The lines of a role's raw points, by split and merge unless set otherwise."""
-    chains, section = chained(bench, role, **changes)
+    chains, section, frame = chained(bench, role, **changes)
     stages: list[Stage] = []
     lines = line_method(section.method).lines(chains, section, stages.append)
-    return Lined(chains, lines, stages)
+    return Lined(chains, lines, stages, frame)
 
 
 def pieces_of(chains: Chains, splits: Sequence[Split]) -> Floats:
@@ -101,12 +98,12 @@ def _under(bench: Bench, role: Role, points_m: Floats) -> list[Mark]:
 def _idea(bench: Bench) -> Drawing:
     role = bench.any_ranger
     found = lined(bench, role, merge="joint-fit", min_length_m=0.1)
-    points = found.chains.points_m
+    points, frame = found.chains.points_m, found.frame
+    under, lines = _under(bench, role, points), _strokes(_ends(found.lines), "lines found", 2.2)
     panels = (
-        blank(bench, "points in their order", [*path(bench), *_under(bench, role, points)]),
-        blank(bench, "lines through them",
-              [*_under(bench, role, points), *_strokes(_ends(found.lines), "lines found", 2.2)]),
-    )  # fmt: skip
+        blank(bench, "points in their order", [*path(bench), *under], frame),
+        blank(bench, "lines through them", [*under, *lines], frame),
+    )
     caption = (
         f"Without a grid: {len(points):,} points of {role.sensor.name} in the order in which they "
         f"were measured become {len(found.lines)} straight lines. It is quick, but takes every "
@@ -149,7 +146,7 @@ def _recursion(bench: Bench) -> Drawing:
     for count in counts:
         pieces = pieces_of(found.chains, splits[:count])
         marks = [*_under(bench, role, found.chains.points_m), *_strokes(pieces, "pieces")]
-        panels.append(blank(bench, f"{count} cuts: {len(pieces)} pieces", marks))
+        panels.append(blank(bench, f"{count} cuts: {len(pieces)} pieces", marks, found.frame))
     caption = (
         f"Cut again and again until no point lies more than {100 * _EPSILON_M:g} cm from its "
         f"chord: {len(splits)} cuts. Chains are broken where neighbours lie far apart."
@@ -164,7 +161,7 @@ def _splits(bench: Bench, role: Role) -> Drawing:
         pieces = pieces_of(found.chains, found.of(Split))
         counts.append(len(pieces))
         marks = [*_under(bench, role, found.chains.points_m), *_strokes(pieces, "pieces")]
-        panels.append(blank(bench, f"ε = {100 * epsilon_m:g} cm", marks))
+        panels.append(blank(bench, f"ε = {100 * epsilon_m:g} cm", marks, found.frame))
     caption = (
         f"The points of {role.sensor.name} split at 1, 3 and 16 cm: {counts[0]:,}, {counts[1]:,} "
         f"and {counts[2]:,} pieces. A small ε follows the noise, a large one cuts corners."
@@ -209,13 +206,13 @@ def _fit(bench: Bench) -> Drawing:
 
 
 def _least(bench: Bench) -> float:
-    return 0.05 * max(bench.frame.width_m, bench.frame.height_m)
+    return 0.05 * min(bench.frame.width_m, bench.frame.height_m)
 
 
 def _fits(bench: Bench) -> Drawing:
     role = bench.any_ranger
     found = lined(bench, role, corner_reach_m=0.0)
-    reach = max(bench.frame.width_m, bench.frame.height_m) * 0.06
+    reach = max(found.frame.width_m, found.frame.height_m) * 0.06
     drawn_out = [
         (line.start_m - reach * line.along, line.end_m + reach * line.along) for line in found.lines
     ]
@@ -228,7 +225,7 @@ def _fits(bench: Bench) -> Drawing:
         f"A line of least squares for each piece of {role.sensor.name}, {len(found.lines)} in all, "
         "drawn longer than its points: neighbours cross."
     )
-    return Drawing((blank(bench, "", marks),), caption)
+    return Drawing((blank(bench, "", marks, found.frame),), caption)
 
 
 def _corners(bench: Bench) -> Drawing:
@@ -245,16 +242,16 @@ def _corners(bench: Bench) -> Drawing:
         f"Neighbouring lines end where they cross: {len(places)} corners of {len(found.lines)} "
         "lines. The first and the last of each chain have no neighbour on one side."
     )
-    return Drawing((blank(bench, "", marks),), caption)
+    return Drawing((blank(bench, "", marks, found.frame),), caption)
 
 
 def _wrap(bench: Bench) -> Drawing:
     """The points around one place: the chain that comes nearest to going round."""
     role = bench.any_ranger
-    points, where = bench.points(role)
-    spot = np.median(where, axis=0)
-    low, high = bench.frame.corners_m
-    points = points[((points >= low) & (points <= high)).all(axis=1)]
+    points, frame = bench.ordered_points(role)
+    where = bench.typical(role).world_from_base if role.scans else None
+    middle = np.median(bench.points(role)[1], axis=0)
+    spot = middle if where is None else np.array([where.x_m, where.y_m])
     if len(points) < 10:
         raise LeftOut(f"{role.sensor.name} has too few points to go round a place")
     panels, counts = [], []
@@ -276,7 +273,7 @@ def _wrap(bench: Bench) -> Drawing:
             *_under(bench, role, points), *_strokes(_ends(lines), "lines", 1.4),
             Dots(np.array([spot]), style.INK, 6.0, "the place gone round"),
         ]  # fmt: skip
-        panels.append(blank(bench, title, marks))
+        panels.append(blank(bench, title, marks, frame))
     caption = (
         "All points by their bearing around one place: is the last line a neighbour of the first? "
         f"Not joined there are {counts[0]} lines, joined {counts[1]}, and {counts[2]} where both "
@@ -293,11 +290,11 @@ def _merged(bench: Bench) -> Drawing:
     for title, found in (("split", before), ("merged", after)):
         under = _under(bench, role, found.chains.points_m)
         marks = [*under, *_strokes(_ends(found.lines), "lines found")]
-        panels.append(blank(bench, f"{title}: {len(found.lines)} lines", marks))
+        panels.append(blank(bench, f"{title}: {len(found.lines)} lines", marks, found.frame))
     caption = (
-        f"Neighbours that are one line are put together: {len(after.of(Merge))} merges make "
-        f"{len(before.lines)} lines of {role.sensor.name} {len(after.lines)}. They nearly line up, "
-        "bend little, or end close to each other."
+        f"Neighbours that are one line are put together: {len(after.of(Merge))} merges, "
+        f"{len(before.lines)} lines of {role.sensor.name} before and {len(after.lines)} after. "
+        "They nearly line up, bend little, or end close to each other."
     )
     return Drawing(tuple(panels), caption)
 
@@ -338,7 +335,7 @@ def _incremental(bench: Bench, role: Role, bounds_m: Sequence[float]) -> Drawing
         counts.append(len(found.lines))
         under = _under(bench, role, found.chains.points_m)
         marks = [*under, *_strokes(_ends(found.lines), "lines found")]
-        panels.append(blank(bench, f"rms at most {100 * rms_m:g} cm", marks))
+        panels.append(blank(bench, f"rms at most {100 * rms_m:g} cm", marks, found.frame))
     at = [f"{100 * each:g}" for each in bounds_m]
     caption = (
         f"The points of {role.sensor.name} by the incremental method, with bounds of {at[0]}, "

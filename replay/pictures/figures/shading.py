@@ -69,13 +69,9 @@ def shares(
     bench: Bench, title: str, values: NDArray[np.floating], layer: Layer,
     words: tuple[str, str] = ("none", "most"), marks: Sequence[Mark] = (),
 ) -> Panel:  # fmt: skip
-    """Values from 0 (white) to the largest (black); never seen stays so.
-
-    Whatever is more than 0 is grey enough to be seen.
-    """
+    """Values from 0 (white) to the largest (black); never seen stays so."""
     largest = float(np.max(values, initial=0.0))
     shade = np.asarray(values, np.float64) / (largest or 1.0)
-    shade = np.where(shade > 1e-6, _LEAST_SHADE + (1.0 - _LEAST_SHADE) * shade, 0.0)
     cells = Cells(layer.geometry, grey_pixels(shade, layer.observed))
     swatches = (
         Swatch(style.FREE, words[0]), Swatch(style.OCCUPIED, words[1]), GREY_SWATCHES[2]
@@ -86,9 +82,11 @@ def shares(
 def counts(
     bench: Bench, title: str, layer: Layer, words: tuple[str, str] = ("never", "most often")
 ) -> Panel:
-    """What was added up in each cell: a cell that no reading added to is white, whatever it saw."""
+    """What was added up in each cell: where nothing was, white; anything more can be seen."""
     all_cells = replace(layer, observed=np.ones_like(layer.observed))
-    panel = shares(bench, title, layer.values, all_cells, words)
+    share = layer.values / max(float(layer.values.max()), 1e-9)
+    shade = np.where(share > 0.0, _LEAST_SHADE + (1.0 - _LEAST_SHADE) * share, 0.0)
+    panel = shares(bench, title, shade, all_cells, words)
     return replace(panel, swatches=panel.swatches[:2])
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from replay.pictures.figures import fusing, grid_lines, raw_data, raw_lines, realistic_models
 from replay.pictures.figures import simple_models as simple
+from replay.pictures.figures.bench import CHAPTER
 from replay.pictures.figures.figure import Figure
 
 FIGURES: tuple[Figure, ...] = (
@@ -37,10 +38,12 @@ def map_command_of(number: int, session: str, layer: str) -> str:
     figure = NUMBERED[number]
     if not figure.settings or not layer:
         return ""
-    words = [f"--set {shlex.quote(f'sensors.*.{key}={_toml(value)}')}"
-             for key, value in figure.settings.items()]  # fmt: skip
+    own = {key: value for key, value in figure.settings.items() if value != CHAPTER.get(key)}
+    words = [
+        f"--set {shlex.quote(f'sensors.*.{key}={_toml(value)}')} " for key, value in own.items()
+    ]
     where = f"--view {shlex.quote(layer)} -o {stem_of(number)}-map.png"
-    return f"echogrid picture {shlex.quote(session)} {' '.join(words)} {where}"
+    return f"echogrid picture {shlex.quote(session)} --preset chapter {''.join(words)}{where}"
 
 
 def _toml(value: Any) -> str:

@@ -38,6 +38,11 @@ class Outcome:
     left_out: tuple[tuple[int, str], ...]
     notes: tuple[str, ...]
     damage: tuple[str, ...]
+    laser: bool  # stands in for the infrared
+
+    def title(self, number: int) -> str:
+        """The title of a figure for this session."""
+        return NUMBERED[number].title_for(laser=self.laser)
 
 
 def write_figures(
@@ -55,19 +60,20 @@ def write_figures(
     replaced and others stay.
     """
     numbers = _wanted(only)
-    _make_directory(directory, force=force)
+    _check_directory(directory, force=force)
     bench = Bench(session, config)
+    _make_directory(directory)
     made: list[Made] = []
     left_out: list[tuple[int, str]] = []
     for done, number in enumerate(numbers):
         if progress is not None:
             progress(done, len(numbers))
         try:
-            drawing = NUMBERED[number].draw(bench)
+            drawing = NUMBERED[number].drawn(bench)
         except LeftOut as reason:
             left_out.append((number, str(reason)))
             continue
-        for name, content in _files(number, drawing, session.name):
+        for name, content in _files(number, drawing, session.name, laser=bench.laser):
             _write(directory / name, content)
         caption, layer = printable(drawing.caption), _layer(bench, number)
         made.append(
@@ -76,7 +82,7 @@ def write_figures(
                 map_command_of(number, session.name, layer),
             )
         )  # fmt: skip
-    outcome = Outcome(tuple(made), tuple(left_out), _notes(bench), tuple(bench.damage))
+    outcome = Outcome(tuple(made), tuple(left_out), _notes(bench), tuple(bench.damage), bench.laser)
     _write(directory / PAGE, figures_page(session.name, outcome).encode())
     if progress is not None:
         progress(len(numbers), len(numbers))
@@ -100,15 +106,15 @@ def _layer(bench: Bench, number: int) -> str:
     return ""
 
 
-def _files(number: int, drawing: Drawing, session: str) -> list[tuple[str, bytes]]:
+def _files(number: int, drawing: Drawing, session: str, *, laser: bool) -> list[tuple[str, bytes]]:
     """The PNG bears its caption, for slides; the SVG leaves it to the page that it stands on."""
     from replay.pictures.drawing.pages import page_bytes
 
     figure, stem = NUMBERED[number], stem_of(number)
     footer = f"{figure.passage}  ·  {command_of(number, session)}"
     page = Page(
-        f"{number}. {figure.title}", drawing.panels, printable(drawing.caption),
-        source="", columns=drawing.columns, footer=printable(footer),
+        f"{number}. {figure.title_for(laser=laser)}", drawing.panels, printable(drawing.caption),
+        columns=drawing.columns, footer=printable(footer),
     )  # fmt: skip
     bare = Page(
         "", drawing.panels, printable(drawing.caption), columns=drawing.columns,
@@ -125,14 +131,21 @@ def _notes(bench: Bench) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _make_directory(directory: Path, *, force: bool) -> None:
+def _check_directory(directory: Path, *, force: bool) -> None:
+    """Before all the work. Raises OutputExists for a folder that holds something, or BadInput."""
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        filled = any(directory.iterdir())
+        filled = directory.exists() and any(directory.iterdir())
     except OSError as error:
         raise BadInput(f"cannot use {directory} as a directory: {error.strerror}") from error
     if filled and not force:
         raise OutputExists(directory)
+
+
+def _make_directory(directory: Path) -> None:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"cannot use {directory} as a directory: {error.strerror}") from error
 
 
 def _write(path: Path, content: bytes) -> None:
