@@ -1,0 +1,1 @@
+"""What a sensor is like, learned from its own readings."""
