@@ -4,7 +4,7 @@ VENV ?= .venv
 BIN = $(VENV)/bin
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check unit firmware-test lint format screenshot clean
+.PHONY: help demo test check unit firmware-test lint format screenshot site clean
 
 help: ## Say what there is to make
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 24
@@ -38,6 +38,10 @@ screenshot: $(VENV)/.installed-dev ## Make all pictures of the README and the do
 	$(BIN)/python -m docs.make_line_pictures
 	-$(BIN)/python -m docs.make_lidar_pictures
 	$(BIN)/python docs/make_firmware_pictures.py
+
+site: $(VENV)/.installed-dev ## Build the documentation as a site, build/site/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q -f docs/site/mkdocs.yml
+	@echo "open build/site/index.html"
 
 clean: ## Remove the environment and all caches
 	rm -rf "$(VENV)" build firmware/build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -96,6 +96,8 @@ class Sensor:
     second_grid: bool
     no_echo: str
     clear_to_m: float | None = None  # None: to the beam's end
+    range_scale: float = 1.0
+    range_bias_m: float = 0.0
     own: Mapping[str, Any] = field(default_factory=dict, hash=False)
 
     if not TYPE_CHECKING:  # in our own code a misspelt name stays an error

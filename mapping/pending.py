@@ -12,6 +12,8 @@ from mapping.config import Sensor
 from recorder.columns import Block, Floats, Ints, RangeColumns, ScanColumns
 from recorder.messages import Range, Scan
 
+LEAST_M = 1e-9  # no shorter range can be mapped
+
 
 class SensorTable:
     """The sensors by number, in the order of their first readings, and their limits as columns."""
@@ -46,7 +48,16 @@ class SensorTable:
         self.min_m = np.array([sensor.min_range_m for sensor in self.sensors])
         self.max_m = np.array([sensor.max_range_m for sensor in self.sensors])
         self.clear_to_m = np.array([s.clear_to_m or np.inf for s in self.sensors])
+        self.scale = np.array([sensor.range_scale for sensor in self.sensors])
+        self.bias_m = np.array([sensor.range_bias_m for sensor in self.sensors])
         self.skips = np.array([sensor.no_echo == "skipped" for sensor in self.sensors], np.bool_)
+
+    def mended(self, ranges_m: Floats, sensor: Ints) -> Floats:
+        """Ranges as they should have been measured, where the configuration knows better."""
+        if (self.scale == 1.0).all() and (self.bias_m == 0.0).all():
+            return ranges_m
+        mended: Floats = (ranges_m - self.bias_m[sensor]) / self.scale[sensor]
+        return np.where(ranges_m > 0.0, np.maximum(mended, LEAST_M), ranges_m)
 
 
 @dataclass(frozen=True, slots=True)

@@ -150,6 +150,16 @@ class PlacedSession:
         if size <= self._room_bytes:
             self._placed, self._kept = placed, None
 
+    def columns(self) -> Iterator[Block]:
+        """The readings that are mapped, as they were measured: before any is dropped."""
+        for block in self._source(READINGS):
+            yield self._selection.readings(timed(block, self._given))
+
+    @property
+    def topics(self) -> Mapping[str, str]:
+        """The topic of each sensor, by its name."""
+        return {name: key[0] for key, name in self._selection.sources.names.items()}
+
     def _counted(self, placer: Placer, times: _Span) -> Counts:
         dropped = {**self._bad_poses, **placer.dropped}
         if times.last_ns is None or times.first_ns is None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import LiveMotion
-from mapping.pending import Pending, SensorTable, first_readings
+from mapping.pending import LEAST_M, Pending, SensorTable, first_readings
 from mapping.readings import Readings
 from mapping.scan_reach import ScanReach, reach_of_rangers
 from mapping.sensors import resolve_sensors
@@ -25,7 +25,6 @@ from recorder.columns import Block, Floats, Ints
 from recorder.geometry import IDENTITY
 from recorder.messages import HEAD_FRAME, Range, Scan
 
-_LEAST_M = 1e-9
 _TOO_FAR = "pose not finite or too far"
 _STEPPED_BACK = "clock stepped back (reading kept)"
 # Why a reading is dropped; of several reasons the first one counts. 0: it is not.
@@ -216,7 +215,7 @@ def _checked_ranges(d: Floats, sensor: Ints, table: SensorTable) -> tuple[NDArra
         why[d <= 0] = _NEGATIVE
     why[d == -np.inf] = _TOO_CLOSE
     why[np.isnan(d)] = _NOT_A_NUMBER
-    return why, ranges_m
+    return why, table.mended(ranges_m, sensor)
 
 
 def _checked_scans(pending: Pending, table: SensorTable) -> tuple[Floats, NDArray[np.bool_]]:
@@ -224,12 +223,12 @@ def _checked_scans(pending: Pending, table: SensorTable) -> tuple[Floats, NDArra
     sensor = np.repeat(pending.sensor, np.diff(pending.begins))
     ranges_m = pending.ranges_m.copy()
     with np.errstate(invalid="ignore"):
-        usable = ranges_m >= np.maximum(table.min_m, _LEAST_M)[sensor]
+        usable = ranges_m >= np.maximum(table.min_m, LEAST_M)[sensor]
         sane = np.abs(pending.angle_min_rad) <= FARTHEST_TURN_RAD
         sane &= np.abs(pending.angle_increment_rad) <= FARTHEST_TURN_RAD
         usable &= np.repeat(sane, np.diff(pending.begins))
         ranges_m[usable & (ranges_m >= table.max_m[sensor])] = np.inf
-    return ranges_m, usable
+    return table.mended(ranges_m, sensor), usable
 
 
 def _world_from_sensor(

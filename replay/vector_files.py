@@ -1,7 +1,6 @@
-"""Lines, and borders with them, in the formats of other programs: GeoJSON, DXF and SVG, as text.
+"""Lines, and borders with them, in the formats of other programs: GeoJSON and DXF, as text.
 
-All are in metres in the map frame, y up. SVG has y down, so there y is negated. The libraries that
-write DXF and SVG are imported when they are needed.
+All are in metres in the map frame, y up. The library that writes DXF is imported when it is needed.
 """
 
 from __future__ import annotations
@@ -10,18 +9,11 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from html import escape
-
-import numpy as np
 
 from mapping.artifacts import Border, Segment
 
-# Strokes of one layer each, dark enough on white; further layers start again.
-_COLOURS = ("#1b6ca8", "#c0392b", "#1e8449", "#7d3c98", "#b9770e", "#2c3e50")
 _DXF_COLOURS = (5, 1, 3, 6, 30, 7)
 _METRES = 6  # of DXF's $INSUNITS
-_MARGIN_M = 0.2
-_PIXELS_PER_M = 200.0
 
 
 def segments_geojson(segments: Sequence[Segment]) -> str:
@@ -104,35 +96,3 @@ def _fixed_dates() -> Iterator[None]:
         yield
     finally:
         options.write_fixed_meta_data_for_testing = before
-
-
-def vector_svg(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:
-    """An SVG picture whose user unit is the metre; y is negated, so that the map stands upright.
-
-    Every element has its ``data-layer`` and ``data-border``.
-    """
-    import drawsvg
-
-    ends = [np.array([s.start_m, s.end_m]) for s in segments]
-    outlines = [np.array(_outline(b)) for b in borders]
-    points = np.concatenate([*ends, *outlines]) if ends or outlines else np.zeros((1, 2))
-    low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
-    width, height = (float(v) for v in high - low)
-    picture = drawsvg.Drawing(width, height, origin=(float(low[0]), -float(high[1])))
-    picture.set_pixel_scale(_PIXELS_PER_M)
-    names = sorted({s.layer for s in segments} | {b.layer for b in borders})
-    colours = {name: _COLOURS[k % len(_COLOURS)] for k, name in enumerate(names)}
-    for border, outline in zip(borders, outlines, strict=True):
-        corners = [v for x, y in outline.tolist() for v in (x, -y)]
-        look = {"fill": "none", "stroke": colours[border.layer], "stroke_width": 0.004}
-        attributes = {"data-layer": escape(border.layer), "data-border": border.number}
-        picture.append(drawsvg.Lines(*corners, close=True, **look, **attributes))
-    for segment in segments:
-        (x0, y0), (x1, y1) = segment.start_m, segment.end_m
-        look = {"stroke": colours[segment.layer], "stroke_width": 0.012}
-        attributes = {"data-layer": escape(segment.layer)}  # drawsvg writes attributes as they are
-        if segment.border is not None:
-            attributes["data-border"] = str(segment.border)
-        picture.append(drawsvg.Line(x0, -y0, x1, -y1, stroke_linecap="round", **look, **attributes))
-    svg: str = picture.as_svg()
-    return svg

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import io
 import json
 from xml.etree import ElementTree
@@ -10,20 +11,19 @@ import ezdxf
 import geojson
 import numpy as np
 import pytest
+from PIL import Image
 
 from mapping.artifacts import Border, Segment
 from mapping.borders import find_borders
 from mapping.config import BordersSection, SegmentsSection
-from mapping.grid import GridGeometry
+from mapping.grid import GridGeometry, Layer
 from mapping.segments import segments_from_borders
-from replay.vector_files import (
-    segments_geojson,
-    vector_dxf,
-    vector_svg,
-)
+from replay.pictures.map_svg import map_svg
+from replay.vector_files import segments_geojson, vector_dxf
 from tests.made_up_grids import thresholded_room
 
 SVG = "{http://www.w3.org/2000/svg}"
+HREF = "{http://www.w3.org/1999/xlink}href"
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +68,9 @@ def test_dxf_has_lines_in_metres_on_named_layers(
 
 
 def test_svg_stands_upright(segments: list[Segment], borders: list[Border]) -> None:
-    root = ElementTree.fromstring(vector_svg(segments, borders))
+    root = ElementTree.fromstring(map_svg(segments, borders))
     left, top, width, height = (float(v) for v in root.attrib["viewBox"].split())
-    lines = root.findall(f"{SVG}path")
+    lines = [path for path in root.findall(f"{SVG}path") if "data-layer" in path.attrib]
     segments_read = [line for line in lines if "Z" not in line.attrib["d"]]
     assert len(segments_read) == len(segments)
     assert len(lines) - len(segments_read) == len(borders)
@@ -83,12 +83,39 @@ def test_svg_stands_upright(segments: list[Segment], borders: list[Border]) -> N
         assert top < -y0 < top + height
 
 
+def test_svg_is_a_page_of_paper_with_map_scale_and_units(
+    segments: list[Segment], borders: list[Border]
+) -> None:
+    geometry = borders[0].geometry
+    occupied = thresholded_room().occupied
+    values = occupied.astype(np.float32)
+    layer = Layer("fu<sed", "probability", geometry, values, values, np.ones_like(occupied), {})
+    root = ElementTree.fromstring(map_svg(segments, borders, layer=layer))
+    width, height = (float(v) for v in root.attrib["viewBox"].split()[2:])
+    wide_mm, high_mm = (float(root.attrib[k].removesuffix("mm")) for k in ("width", "height"))
+    assert wide_mm / high_mm == pytest.approx(width / height, rel=1e-4)
+    fills = [max(wide_mm / w, high_mm / h) for w, h in ((277.0, 190.0), (190.0, 277.0))]
+    assert min(fills) == pytest.approx(1.0, rel=1e-4)
+    (image,) = root.iter(f"{SVG}image")
+    x, y, w, h = (float(image.attrib[k]) for k in ("x", "y", "width", "height"))
+    with Image.open(io.BytesIO(base64.b64decode(image.attrib[HREF].partition(",")[2]))) as read:
+        grey = np.asarray(read.convert("L"))[::-1]
+    assert grey.shape == (round(h / geometry.resolution_m), round(w / geometry.resolution_m))
+    corner = geometry.cells_of(np.array([[x + 1e-6, -y - h + 1e-6]]))[0]
+    shown = occupied[corner[0] : corner[0] + len(grey), corner[1] : corner[1] + grey.shape[1]]
+    np.testing.assert_array_equal(grey == 0, shown)
+    texts = ["".join(text.itertext()) for text in root.iter(f"{SVG}text")]
+    assert any(text.startswith("fu<sed") for text in texts)
+    assert any(" on A4; x and y in metres" in text for text in texts)
+    assert {"walls found", "borders of occupied cells", "free", "occupied"} <= set(texts)
+
+
 def test_nothing_found_is_still_a_file() -> None:
     assert json.loads(segments_geojson([])) == {
         "type": "FeatureCollection", "frame": "map", "unit": "metre", "features": [],
     }  # fmt: skip
     assert len(ezdxf.read(io.StringIO(vector_dxf([]))).modelspace()) == 0
-    assert ElementTree.fromstring(vector_svg([])).tag == f"{SVG}svg"
+    assert ElementTree.fromstring(map_svg([])).tag == f"{SVG}svg"
 
 
 def test_awkward_layer_names_survive(segments: list[Segment]) -> None:
@@ -99,7 +126,7 @@ def test_awkward_layer_names_survive(segments: list[Segment]) -> None:
         for s in segments[:2]
     ]  # fmt: skip
     assert json.loads(segments_geojson(odd))["features"][0]["properties"]["layer"] == name
-    root = ElementTree.fromstring(vector_svg(odd))
+    root = ElementTree.fromstring(map_svg(odd))
     assert root.findall(f"{SVG}path")[0].attrib["data-layer"] == name
     assert len(ezdxf.read(io.StringIO(vector_dxf(odd))).modelspace()) == 2
 

@@ -1,1 +1,1 @@
-"""What a sensor is like, learned from its own readings."""
+"""What can be learned of sensors: from rooms with known walls, or from a session itself."""

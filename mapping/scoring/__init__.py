@@ -1,1 +1,1 @@
-"""How good a map is: against the readings that it was not made of."""
+"""How good a map and its lines are: against walls that are known, or without."""

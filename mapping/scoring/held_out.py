@@ -156,12 +156,30 @@ class Judged:
             self.log_likelihood[mine], self.block[self.axes_row[mine]], self.blocks
         )
 
-    def gain_over(self, other: Judged, names: Sequence[str] | None = None) -> Gain:
+    def gain_over(
+        self, other: Judged, names: Sequence[str] | None = None, level: float = 0.95
+    ) -> Gain:
         """By how much it is better, over the readings that both judged; of some sensors alone.
 
         A reading is the same where its time and its sensor are, and its number of axes. Raises
         BadInput where the two have none in common.
         """
+        before, after = self._paired(other, names)
+        return after.gain_over(before, level)
+
+    def gains_of_halves(self, other: Judged) -> tuple[float, float]:
+        """By how much it is better in the first half of the blocks, and in the second."""
+        before, after = self._paired(other, None)
+        gain = after.total - before.total
+        half, count = self.blocks // 2, np.maximum(after.count, 0)
+        parts = (slice(0, half), slice(half, None))
+        first, last = (float(gain[p].sum()) / max(int(count[p].sum()), 1) for p in parts)
+        return first, last
+
+    def _paired(
+        self, other: Judged, names: Sequence[str] | None
+    ) -> tuple[BlockScores, BlockScores]:
+        """The other's scores and its own, over the readings that both judged."""
         first_ns = min(int(each.readings.t_ns.min()) for each in (self, other))
         mine, its = np.intersect1d(self._keys(first_ns), other._keys(first_ns), True, True)[1:]
         axes, same = np.diff(self.readings.begins), np.diff(other.readings.begins)
@@ -174,8 +192,9 @@ class Judged:
         before, after = other.of_readings[its], self.of_readings[mine]
         block, blocks = self.block[mine], self.blocks
         count = _sums(block, axes[mine].astype(np.float64), blocks).astype(np.int64)
-        scores = [BlockScores(_sums(block, values, blocks), count) for values in (after, before)]
-        return scores[0].gain_over(scores[1])
+        return tuple(  # type: ignore[return-value]
+            BlockScores(_sums(block, values, blocks), count) for values in (before, after)
+        )
 
     @property
     def of_readings(self) -> Floats:

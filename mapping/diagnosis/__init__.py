@@ -1,0 +1,1 @@
+"""Why a map is wrong."""

@@ -1,0 +1,16 @@
+"""The causes that are looked for, one file each; a new one is named here."""
+
+from __future__ import annotations
+
+from mapping.diagnosis.causes.channels import Channels
+from mapping.diagnosis.causes.cones import Cones
+from mapping.diagnosis.causes.interface import Cause
+from mapping.diagnosis.causes.mount import Mount
+from mapping.diagnosis.causes.pose_time import PoseTime
+from mapping.diagnosis.causes.poses import Poses
+from mapping.diagnosis.causes.ranges import RangeScale
+from mapping.diagnosis.causes.silence import Silence
+
+CAUSES: tuple[Cause, ...] = (
+    Channels(), Silence(), Poses(), PoseTime(), Mount(), RangeScale(), Cones(),
+)  # fmt: skip

@@ -1,0 +1,74 @@
+"""A sensor that sits turned or shifted, against what is configured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from mapping.diagnosis.case import Case
+from mapping.diagnosis.causes.interface import Cause, Settings, Suspect, how_sure, profile
+from mapping.diagnosis.hypothesis import Hypothesis, Number, offset_of_poses, y_of, yaw_of
+from mapping.diagnosis.search import Candidate, Found
+
+_COARSE_RAD = tuple(math.radians(v) for v in (-16, -10, -5, -2, 2, 5, 10, 16))
+_PAIR_RAD = tuple(math.radians(v) for v in (-12, -5, 5, 12))
+_PAIR_S = (-0.2, -0.1, 0.1, 0.2)
+_SHOWN_RAD = tuple(math.radians(v) for v in (-16, -10, -5, -2, 0, 2, 5, 10, 16))
+_SHOWN_M = (-0.05, -0.03, -0.015, 0.0, 0.015, 0.03, 0.05)
+
+
+class Mount(Cause):
+    """For each thin beam its yaw, and how far it sits to the left: ``sensors.NAME.mount``.
+
+    How far ahead it sits is the same thing as a bias of its ranges. A turned mount and a late pose
+    feign each other where the robot spins, so they are tried together as well.
+    """
+
+    name, title = "mount", "a sensor sits turned or shifted"
+
+    def candidates(self, case: Case) -> Iterator[Candidate]:
+        """Yaw, shift, and yaw with the time of the poses."""
+        for sensor in case.thin:
+            mine = (self.name, sensor)
+            yield Candidate((mine,), (yaw_of(sensor),), (_COARSE_RAD,))
+            yield Candidate((mine,), (y_of(sensor),))
+            yield Candidate(
+                (("pose-time", ""), mine), (offset_of_poses(), yaw_of(sensor)), (_PAIR_S, _PAIR_RAD)
+            )
+
+    def settings(self, case: Case, hypothesis: Hypothesis, subject: str) -> Settings:
+        """The whole mount."""
+        mount, change = case.session.mount(subject), hypothesis.of(subject)
+        return {"sensors": {subject: {"mount": [
+            round(mount.x_m + change.x_m, 4), round(mount.y_m + change.y_m, 4),
+            round(math.degrees(mount.heading_rad + change.yaw_rad), 3),
+        ]}}}  # fmt: skip
+
+    def explained(
+        self, case: Case, number: Number, found: Found, hypothesis: Hypothesis
+    ) -> Suspect | None:
+        """Which way, how far."""
+        if number.sensor is None or number.key not in ("yaw_rad", "y_m"):
+            return None
+        sensor, value = number.sensor, hypothesis.number(number)
+        error = found.errors[found.candidate.numbers.index(number)]
+        errors = abs(value) / error if error > 0 else math.nan
+        if number.key == "yaw_rad":
+            shown, unit, way = math.degrees(abs(value)), "degrees", "turned"
+            sigma, values = math.degrees(error), _SHOWN_RAD
+        else:
+            shown, unit, way = 100.0 * abs(value), "cm", "shifted"
+            sigma, values = 100.0 * error, _SHOWN_M
+        known = f" +- {sigma:.2g}" if error > 0 else ""
+        side = "to the left" if value > 0 else "to the right"
+        return Suspect(
+            self.name, sensor, f"{sensor} sits {way} by {shown:.2g}{known} {unit} {side}",
+            (
+                "seen from different directions the same wall lies at different places; with the "
+                "mount mended its readings agree",
+            ),
+            found.gain.mean, how_sure(found.gain, errors),
+            self.settings(case, hypothesis, sensor), value=value,
+            unit="rad" if number.key == "yaw_rad" else "m", gain=found.gain,
+            plots=(profile(case, number, hypothesis, values),),
+        )  # fmt: skip

@@ -1,0 +1,125 @@
+"""A sensor that repeats itself, or that is silent for a while."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from mapping.diagnosis.case import Case, Stretch
+from mapping.diagnosis.causes.interface import Cause, Evidence, Suspect
+from mapping.diagnosis.raw import Channel, channels
+from recorder.columns import Floats
+
+_LEAST_READINGS = 30
+_LEAST_S = 2.0
+_MOVED_M, _TURNED_RAD = 0.15, 0.6
+_SHARE = 0.02
+_NOTHING = -1.0  # no echo, where runs of equal ranges are looked for
+_LONG_S, _LONGER = 8.0, 3.0  # such a run is suspect if it is so long, and so many times the next
+_GAPS = 20.0  # times the usual time between readings
+
+
+class Silence(Cause):
+    """Stretches of equal ranges while the robot moves; gaps that the other sensors do not have."""
+
+    name, title = "silence", "a sensor is stuck, or dead"
+
+    def suspects(self, evidence: Evidence) -> Iterator[Suspect]:
+        """One for each sensor: how long it is stuck, and how long dead."""
+        every = channels(evidence)
+        for channel in every:
+            stuck = stuck_stretches(evidence.case, channel)
+            count = sum(end - first for first, end in stuck)
+            if count > _SHARE * len(channel.t_ns):
+                yield _stuck(channel, stuck, count)
+            others = [each for each in every if each is not channel]
+            if others and (gaps := _gaps(channel, others)):
+                yield _dead(channel, gaps)
+
+
+def stuck_readings(evidence: Evidence) -> list[Stretch]:
+    """All stretches in which a sensor is stuck."""
+    return [
+        Stretch(channel.sensor, int(channel.t_ns[first]), int(channel.t_ns[end - 1]))
+        for channel in channels(evidence)
+        for first, end in stuck_stretches(evidence.case, channel)
+    ]
+
+
+def stuck_stretches(case: Case, channel: Channel) -> list[tuple[int, int]]:
+    """Runs (first, end) of equal readings, too long to be chance, in which the robot moved."""
+    value = np.nan_to_num(channel.range_m, posinf=-1.0, neginf=-2.0)
+    edges = np.flatnonzero(np.diff(value) != 0) + 1
+    bounds = np.concatenate([[0], edges, [len(value)]])
+    found = []
+    for first, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
+        lasted_s = (channel.t_ns[end - 1] - channel.t_ns[first]) * 1e-9
+        if end - first < _LEAST_READINGS or lasted_s < _LEAST_S or value[first] < -1.0:
+            continue
+        if value[first] == _NOTHING and not (
+            lasted_s > _LONG_S and end - first > _LONGER * _next_longest(value, first)
+        ):
+            continue  # no echo for a while is usual where there is room
+        poses, known = case.placed.placement.track.at(channel.t_ns[first:end])
+        x, y, heading = (np.asarray(v)[known] for v in (poses.x_m, poses.y_m, poses.heading_rad))
+        if len(x) > 1 and (_span(x, y) > _MOVED_M or np.ptp(np.unwrap(heading)) > _TURNED_RAD):
+            found.append((first, end))
+    return found
+
+
+def _next_longest(value: Floats, first: int) -> int:
+    """How long the longest other run is in which nothing was seen."""
+    nothing = np.concatenate([[False], value == _NOTHING, [False]])
+    edges = np.flatnonzero(np.diff(nothing.astype(np.int8)))
+    runs = np.diff(edges.reshape(-1, 2), axis=1)[:, 0]
+    others = runs[edges[::2] != first]
+    return int(others.max(initial=_LEAST_READINGS))
+
+
+def _span(x: Floats, y: Floats) -> float:
+    return float(np.hypot(np.ptp(x), np.ptp(y)))
+
+
+def _stuck(channel: Channel, stuck: list[tuple[int, int]], count: int) -> Suspect:
+    share = count / len(channel.t_ns)
+    seconds = tuple((channel.seconds(first), channel.seconds(end - 1)) for first, end in stuck)
+    longest = max(stuck, key=lambda run: run[1] - run[0])
+    at_m = channel.range_m[longest[0]]
+    first_s, last_s = channel.seconds(longest[0]), channel.seconds(longest[1] - 1)
+    return Suspect(
+        "silence", channel.sensor,
+        f"{channel.sensor} is stuck: {share:.0%} of its readings repeat one range while the robot "
+        "moves",
+        (f"the longest time {at_m:.3f} m from {first_s:.1f} s to {last_s:.1f} s, "
+         f"{longest[1] - longest[0]} readings",),
+        2.0 * share, "almost certain",
+        advice="check the cable and the supply; leave these stretches out",
+        value=share, unit="share", seconds=seconds,
+    )  # fmt: skip
+
+
+def _gaps(channel: Channel, others: list[Channel]) -> list[tuple[float, float]]:
+    """Stretches in which it is silent and another sensor is not."""
+    begin = min(each.t_ns[0] for each in (channel, *others))
+    end = max(each.t_ns[-1] for each in (channel, *others))
+    times = np.concatenate([[begin], channel.t_ns, [end]])
+    gaps = np.diff(times)
+    usual = float(np.median(gaps))
+    found = []
+    for at in np.flatnonzero(gaps > max(_GAPS * usual, 2.0 * _LEAST_S * 1e9)).tolist():
+        low, high = times[at], times[at + 1]
+        if any(((each.t_ns > low) & (each.t_ns < high)).sum() > _GAPS for each in others):
+            found.append(((low - channel.start_ns) * 1e-9, (high - channel.start_ns) * 1e-9))
+    return found
+
+
+def _dead(channel: Channel, gaps: list[tuple[float, float]]) -> Suspect:
+    total = sum(end - first for first, end in gaps)
+    first, end = max(gaps, key=lambda gap: gap[1] - gap[0])
+    return Suspect(
+        "silence", channel.sensor, f"{channel.sensor} is silent for {total:.0f} s in all",
+        (f"the longest time from {first:.1f} s to {end:.1f} s, while others go on",),
+        0.3, "almost certain", advice="check the sensor's cable and supply", value=total, unit="s",
+        seconds=tuple(gaps),
+    )  # fmt: skip

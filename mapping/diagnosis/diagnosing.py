@@ -1,0 +1,117 @@
+"""A session in, what its map is bad for out: looks first, then the search, then what mends it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mapping.config import MappingConfig, validate
+from mapping.diagnosis.case import Case, case_of
+from mapping.diagnosis.causes import CAUSES
+from mapping.diagnosis.causes.channels import exchanged, swaps
+from mapping.diagnosis.causes.interface import Evidence, Suspect
+from mapping.diagnosis.causes.silence import stuck_readings
+from mapping.diagnosis.hypothesis import Hypothesis
+from mapping.diagnosis.patches import NO_FAULT
+from mapping.diagnosis.search import Found, search
+from mapping.placed_session import HasBlocks, place_session
+from mapping.scoring.held_out import Gain
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The suspects in the order of what they cost, and what mends them all together.
+
+    ``score`` and ``mended`` are the session's score without truth, as it is and by ``hypothesis``;
+    ``gain`` is the difference, None where nothing numeric was found. ``fix`` are the settings,
+    nested as a configuration; ``config`` is the whole configuration with them.
+    """
+
+    suspects: tuple[Suspect, ...]
+    hypothesis: Hypothesis
+    score: float
+    mended: float
+    gain: Gain | None
+    fix: Mapping[str, Any]
+    config: MappingConfig
+    readings: int
+    notes: tuple[str, ...]
+
+
+def diagnose(
+    session: HasBlocks,
+    config: MappingConfig,
+    *,
+    threads: int = 1,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Diagnosis:
+    """What is wrong with a session. Raises BadInput where it cannot be mapped at all."""
+    placed = place_session(session, config)
+    case = case_of(placed, config, threads=threads)
+    evidence = Evidence(case, list(placed.columns()))
+    found = [suspect for cause in CAUSES for suspect in cause.suspects(evidence)]
+    # What follows is about the session as it should have been.
+    stuck = stuck_readings(evidence)
+    for swap in swaps(evidence):
+        if (mended := exchanged(session, placed, swap)) is not None:
+            placed, stuck = place_session(mended, config), []
+            case = case_of(placed, config, threads=threads)
+    if stuck:
+        case = case_of(placed, config, without=stuck, threads=threads)
+    candidates = [each for cause in CAUSES for each in cause.candidates(case)]
+    tried = _Counter(progress, 2 * len(candidates))
+    hypothesis, taken = NO_FAULT, list[Found]()
+    if case.thin:
+        hypothesis, taken = search(case, candidates, advance=tried)
+    for each in taken:
+        for number in each.candidate.numbers:
+            explained = (c.explained(case, number, each, hypothesis) for c in CAUSES)
+            found += [suspect for suspect in explained if suspect is not None]
+    if case.thin and not case.rough:
+        found += [s for cause in CAUSES for s in cause.examine(case, hypothesis)]
+    found.sort(key=lambda suspect: -suspect.cost)
+    fix = merged(suspect.settings for suspect in found if suspect.settings)
+    before, after = case.score(NO_FAULT), case.score(hypothesis)
+    gain = after.gain_over(before) if taken else None
+    progress(1, 1)
+    return Diagnosis(
+        tuple(found), hypothesis, before.scores.mean, after.scores.mean, gain, fix,
+        validate(merged([_set(config), fix])), len(case.readings), _notes(case),
+    )  # fmt: skip
+
+
+def _notes(case: Case) -> tuple[str, ...]:
+    notes = list(case.placed.notes)
+    if not case.thin:
+        notes.append(
+            "no sensor with a thin beam: pose time and mounts cannot be told from cones of sound"
+        )
+    return tuple(notes)
+
+
+class _Counter:
+    """Counts candidates that were tried."""
+
+    def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
+        self._progress, self._done, self._total = progress, 0, max(total, 1)
+
+    def __call__(self) -> None:
+        self._done += 1
+        self._progress(min(self._done, self._total - 1), self._total)
+
+
+def _set(config: MappingConfig) -> dict[str, Any]:
+    """What a configuration sets, as it could be written."""
+    return config.model_dump(exclude_unset=True, exclude_none=True)
+
+
+def merged(parts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Nested settings laid over each other; the later ones win."""
+    out: dict[str, Any] = {}
+    for part in parts:
+        for key, value in part.items():
+            old = out.get(key)
+            both = isinstance(old, Mapping) and isinstance(value, Mapping)
+            out[key] = merged([old, value]) if both else value  # type: ignore[list-item]
+    return out

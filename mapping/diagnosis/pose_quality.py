@@ -1,0 +1,55 @@
+"""How good poses are by themselves: how far apart, how noisy, how often they jump."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mapping.tracks import MotionTrack, wrapped
+from recorder.columns import Floats, Ints
+
+NOISY_RAD = math.radians(4.0)
+FEWEST_JUMPS = 3
+_JUMP_MPS, _JUMP_RADPS = 3.0, 12.0
+_LEAST_JUMP_M, _LEAST_JUMP_RAD = 0.15, 0.5
+_FEWEST = 20
+
+
+def steps_of(track: MotionTrack) -> tuple[Floats, Floats, Floats]:
+    """Between neighbouring poses: time (s), way (m) and turn (radians), (N - 1,) each."""
+    dt = np.maximum(np.diff(track.t_ns) * 1e-9, 1e-3)
+    way = np.hypot(np.diff(track.motions.x_m), np.diff(track.motions.y_m))
+    return dt, way, np.abs(wrapped(np.diff(track.motions.heading_rad)))
+
+
+def jumps(track: MotionTrack, max_gap_s: float) -> Ints:
+    """Steps between neighbours that no small robot can make: which of them, (J,)."""
+    dt, way, turn = steps_of(track)
+    leaps = way > np.maximum(_LEAST_JUMP_M, _JUMP_MPS * dt)
+    flips = turn > np.maximum(_LEAST_JUMP_RAD, _JUMP_RADPS * dt)
+    return np.flatnonzero((dt <= max_gap_s) & (leaps | flips))
+
+
+def heading_noise_rad(track: MotionTrack, max_gap_s: float) -> float:
+    """How much single headings scatter: by second differences, robustly, where poses are near.
+
+    A steady turn has none; each pose's own error e enters as e0 - 2 e1 + e2, whose spread is √6
+    times theirs. Headings that stay the same (a tracker that repeats itself) are left out.
+    """
+    gap_s = np.diff(track.t_ns) * 1e-9
+    turn = wrapped(np.diff(track.motions.heading_rad))
+    near = (gap_s[1:] <= max_gap_s) & (gap_s[:-1] <= max_gap_s)
+    moved = (turn[1:] != 0.0) | (turn[:-1] != 0.0)
+    second = np.abs(turn[1:] - turn[:-1])[near & moved]
+    if len(second) < _FEWEST:
+        return 0.0
+    return 1.4826 * float(np.median(second)) / math.sqrt(6.0)
+
+
+def is_rough(track: MotionTrack, max_gap_s: float) -> bool:
+    """Whether poses are too bad for walls to be drawn with them."""
+    many = max(FEWEST_JUMPS, len(track.t_ns) // 200)
+    return heading_noise_rad(track, max_gap_s) >= 0.75 * NOISY_RAD or (
+        len(jumps(track, max_gap_s)) >= many
+    )

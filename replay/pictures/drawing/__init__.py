@@ -1,0 +1,1 @@
+"""The only package that imports matplotlib: a page → the bytes of a picture."""
