@@ -164,9 +164,7 @@ def _first_guess(pairs: Pairs, *, unbiased: bool) -> BeamMixture:
     )  # fmt: skip
 
 
-def _maximised(
-    mixture: BeamMixture, pairs: Pairs, cause: Floats, *, unbiased: bool
-) -> BeamMixture:
+def _maximised(mixture: BeamMixture, pairs: Pairs, cause: Floats, *, unbiased: bool) -> BeamMixture:
     """One step: ``cause`` (N, 4) is how likely each reading is of each cause."""
     share = np.maximum(cause.mean(axis=0), [_LEAST_SHARE, _LEAST_SHARE, 0.0, _LEAST_SHARE])
     share /= share.sum()
@@ -176,8 +174,9 @@ def _maximised(
         d, z, e / np.square(mixture.std_m(d))
     )  # fmt: skip
     spread_m, spread_rel = _spread(mixture, d, z - bias_m - scale * d, e)
+    hit, short, none, random = share.tolist()
     return BeamMixture(
-        *map(float, share), bias_m, scale, spread_m, spread_rel,
+        hit, short, none, random, bias_m, scale, spread_m, spread_rel,
         _short_rate(mixture.short_per_m, z, d, cause[seen, 1]),
     )  # fmt: skip
 
@@ -210,7 +209,9 @@ def _spread(mixture: BeamMixture, d: Floats, off_m: Floats, e: Floats) -> tuple[
         step = np.linalg.solve(information, gradient)
         new = np.array([a, b]) + step
         if new[1] < 0.0:  # the best within bounds lies on the edge: b = 0, and a alone
-            new = np.array([math.sqrt(float(e @ np.square(off_m)) / max(float(e.sum()), 1e-9)), 0.0])
+            new = np.array(
+                [math.sqrt(float(e @ np.square(off_m)) / max(float(e.sum()), 1e-9)), 0.0]
+            )
         elif new[0] < _LEAST_SPREAD_M:
             rel = math.sqrt(float(e @ np.square(off_m / d)) / max(float(e.sum()), 1e-9))
             new = np.array([_LEAST_SPREAD_M, max(rel - _LEAST_SPREAD_M / float(d.mean()), 0.0)])
@@ -248,7 +249,8 @@ def intervals(
     readings of one block may err together, and widen it. Positive numbers get an interval on
     their logarithm, so that none reaches below zero.
     """
-    free = [name for name in NAMES if name not in (*held, "random")]  # shares sum to 1
+    at_edge = _at_edge(mixture)  # of these there is no derivative
+    free = [name for name in NAMES if name not in (*held, *at_edge, "random")]  # shares sum to 1
     values = mixture.values[[NAMES.index(name) for name in free]]
     steps = 1e-4 * np.maximum(np.abs(values), 1e-3)
 
@@ -274,7 +276,26 @@ def intervals(
     shares = np.array([1.0 if name in ("hit", "short", "none") else 0.0 for name in free])
     random_error = math.sqrt(max(float(shares @ covariance @ shares), 0.0))
     found["random"] = _interval(mixture.random, z_score * random_error, of_sign=True)
+    for name in ("hit", "short", "none", "random"):
+        if name in found:
+            found[name] = (found[name][0], min(found[name][1], 1.0))
+        else:  # none was seen in so many: the rule of three
+            found[name] = (0.0, min(3.0 / len(blocks), 1.0))
     return found
+
+
+def _at_edge(mixture: BeamMixture) -> tuple[str, ...]:
+    """What lies where it cannot get smaller."""
+    edge = [name for name in ("short", "none") if getattr(mixture, name) <= 5.0 * _LEAST_SHARE]
+    if "short" in edge:
+        edge.append("short_per_m")
+    if mixture.spread_m <= 1.01 * _LEAST_SPREAD_M:
+        edge.append("spread_m")
+    if mixture.spread_rel <= 1e-6:
+        edge.append("spread_rel")
+    if mixture.short_per_m <= 1e-5:
+        edge.append("short_per_m")
+    return tuple(edge)
 
 
 def _interval(value: float, half: float, *, of_sign: bool) -> tuple[float, float]:

@@ -1,0 +1,167 @@
+"""Sessions → what their sensors are like."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from mapping.config import MappingConfig
+from mapping.layer_map import empty_maps
+from mapping.learning.known_ranges import (
+    KnownRanges,
+    as_measured,
+    from_map,
+    from_tape,
+    from_walls,
+)
+from mapping.learning.sensors import LearnedSensor, check_enough, learn_sensor
+from mapping.pipeline import geometry_of
+from mapping.placed_session import PlacedSession, place_session
+from mapping.readings import Readings
+from mapping.scoring.held_out import as_occupied, held_out, judge
+from recorder.columns import Floats, Ints
+from recorder.errors import BadInput
+from recorder.session.columns import open_session
+from recorder.simulator.surfaces import wall_surfaces
+from recorder.truth import read_surfaced_walls, true_surfaces, true_walls
+
+
+def learn(
+    sessions: Sequence[Path],
+    config: MappingConfig,
+    *,
+    walls: str | None = None,
+    trust: str | None = None,
+    distances_m: Sequence[float] = (),
+    only: Sequence[str] = (),
+) -> list[LearnedSensor]:
+    """What the sensors of some sessions are like, each sensor of all sessions together.
+
+    Against ``walls`` (a room's name or a GeoJSON file) or those that the sessions carry; else
+    against the map that ``trust``, one of the sensors, makes, or that each makes itself. With
+    ``distances_m``, one to a session, the sensor stood that far from a wall. Raises BadInput, in
+    one line, where nothing can be learned.
+    """
+    known: dict[str, list[KnownRanges]] = {}
+    against = ""
+    if distances_m and len(distances_m) != len(sessions):
+        raise BadInput(
+            f"{len(distances_m)} distances for {len(sessions)} sessions: give one of each, in order"
+        )
+    for number, path in enumerate(sessions):
+        if distances_m:
+            found, against = _by_tape(path, config, distances_m[number]), "a tape measure"
+        else:
+            found, against = _known(path, config, walls, trust)
+        for each in found:
+            if not only or each.sensor.name in only:
+                known.setdefault(each.sensor.name, []).append(each)
+    if only and set(only) - set(known):
+        missing = ", ".join(sorted(set(only) - set(known)))
+        raise BadInput(f"no readings of {missing} to learn from")
+    own_map = against == "its own map"
+    learned, reasons = [], []
+    for parts in known.values():
+        try:
+            joined = _joined(parts)
+            check_enough(joined)
+            learned.append(learn_sensor(joined, against, own_map=own_map))
+        except BadInput as error:
+            reasons.append(str(error))
+    if not learned:
+        raise BadInput("; ".join(reasons) or "there is no sensor to learn of")
+    return learned
+
+
+def _known(
+    path: Path, config: MappingConfig, walls: str | None, trust: str | None
+) -> tuple[list[KnownRanges], str]:
+    session = open_session(path)
+    placed = place_session(session, as_measured(config))
+    names = list(placed.sensors)
+    if walls is not None:
+        walls_m, surfaces = _walls(walls)
+    else:
+        own_m = true_walls(session.attachments)
+        if own_m is None:
+            return _by_map(placed, as_measured(config), trust)
+        walls_m, surfaces = own_m, true_surfaces(session.attachments)
+    made_of = wall_surfaces(surfaces)
+    through = None if made_of is None else walls_m[made_of.opaque]
+    return [from_walls(placed, n, walls_m, through=through) for n in names], "true walls"
+
+
+def _walls(given: str) -> tuple[Floats, tuple[str, ...]]:
+    from recorder.simulator.rooms import ROOMS
+
+    if given in ROOMS:
+        return ROOMS[given].walls_m, ROOMS[given].surfaces
+    return read_surfaced_walls(Path(given))
+
+
+def _by_map(
+    placed: PlacedSession, config: MappingConfig, trust: str | None
+) -> tuple[list[KnownRanges], str]:
+    """Against the map of the trusted sensor, or of each sensor's own other readings."""
+    if trust is not None and trust not in placed.sensors:
+        raise BadInput(f"no sensor {trust!r} to trust; there are {', '.join(placed.sensors)}")
+    geometry = geometry_of(placed, config)
+    if trust is None:
+        judged = held_out(placed, config, geometry)
+        names = list(placed.sensors)
+        rows, expected_m, readings = judged.axes_row, judged.expected_m, judged.readings
+    else:
+        rows, expected_m, readings = _expected_by(placed, config, trust)
+        names = [name for name in placed.sensors if name != trust]
+    known = [from_map(readings, rows, expected_m, name) for name in names]
+    return known, "its own map" if trust is None else f"the map of {trust}"
+
+
+def _expected_by(
+    placed: PlacedSession, config: MappingConfig, trust: str
+) -> tuple[Ints, Floats, Readings]:
+    """Each axis's range in the whole map of one sensor."""
+    geometry = geometry_of(placed, config)
+    maps = empty_maps(placed.placement.sensors, geometry, config.grid)
+    readings = Readings.joined(list(placed))
+    layer = maps[placed.sensors[trust].layer]
+    layer.merge_many(readings)
+    occupied = as_occupied(layer.layer().probability, geometry.resolution_m)[None]
+    block = np.zeros(len(readings), np.int64)
+    judged = judge(readings, block, 1, geometry, dict.fromkeys(maps, occupied))
+    return judged.axes_row, judged.expected_m, readings
+
+
+def _by_tape(path: Path, config: MappingConfig, distance_m: float) -> list[KnownRanges]:
+    """The readings of a sensor that stood still; poses are of no matter."""
+    if not distance_m > 0.0:
+        raise BadInput(f"a distance is above 0, not {distance_m:g} m")
+    standing = as_measured(config)
+    pose = standing.pose.model_copy(update={"fixed": (0.0, 0.0, 0.0)})
+    placed = place_session(open_session(path), standing.model_copy(update={"pose": pose}))
+    found = []
+    for readings in placed:
+        for number, sensor in enumerate(readings.sensors):
+            mine = readings.axes_of(readings.sensor) == number
+            if mine.any():
+                found.append(from_tape(sensor, [readings.ranges_m[mine]], [distance_m]))
+    return found
+
+
+def _joined(parts: Sequence[KnownRanges]) -> KnownRanges:
+    """The readings of one sensor in several sessions; blocks stay apart."""
+    if len(parts) == 1:
+        return parts[0]
+    first = parts[0]
+    ends = np.cumsum([0, *(int(each.block.max(initial=0)) + 1 for each in parts)])
+    return replace(
+        first,
+        range_m=np.concatenate([each.range_m for each in parts]),
+        true_m=np.concatenate([each.true_m for each in parts]),
+        incidence_rad=np.concatenate([each.incidence_rad for each in parts]),
+        t_ns=np.concatenate([each.t_ns for each in parts]),
+        block=np.concatenate([e.block + end for e, end in zip(parts, ends[:-1], strict=True)]),
+    )
