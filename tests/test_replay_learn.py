@@ -73,3 +73,32 @@ def test_refused_in_one_line(
     error = capsys.readouterr().err
     assert reason in error
     assert error.count("\n") == 1
+
+
+def test_without_walls_only_what_surely_predicts_better_is_set(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from recorder.session import SessionWriter
+    from recorder.simulator.robot import simulate
+    from recorder.simulator.rooms import ROOMS
+
+    file, config = tmp_path / "bare.mcap", tmp_path / "c.toml"
+    with SessionWriter(file) as writer:
+        for log_ns, message in simulate(ROOMS["square"], duration_s=30.0, seed=3):
+            writer.write(message, log_ns=log_ns)
+    coarse = ["--set", "grid.resolution_m=0.04"]
+    assert main(["learn", str(file), "-o", str(config), "--json", *coarse]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert set(found) == {"ping", "dirrs"}
+    for each in found.values():
+        assert each["against"] == "its own map"
+        assert "scale" not in each["interval"]
+        assert set(each["settings"]) <= {"before", "behind"}
+    load_config([config], [], None)
+    assert main(["learn", str(file), "--trust", "dirrs", "--json", *coarse]) == 0
+    trusted = json.loads(capsys.readouterr().out)
+    assert set(trusted) == {"ping"}
+    fitted = trusted["ping"]["mixture"]  # on cells of 4 cm; scale and bias make up for each other
+    assert fitted["bias_m"] + 0.7 * fitted["scale"] == pytest.approx(0.7, abs=0.08)
+    assert main(["learn", str(file), "--trust", "lidar"]) == 2
+    assert "no sensor 'lidar' to trust" in capsys.readouterr().err

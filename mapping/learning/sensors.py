@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,8 +65,9 @@ class LearnedSensor:
     ``against`` names what its ranges were held against. ``beam_width_rad`` and its interval are
     None where they could not be learned. ``long`` is the share of the echoes that are too long by
     more than 10 cm and three spreads: mirrored ones. ``usable_m`` is where at least 40 % of the
-    readings are hits. ``pairs`` and ``hit_share`` (N,) are the readings behind it, ``times_s`` when
-    they were taken.
+    readings are hits. ``tuned`` are the settings that proved better by the score without truth,
+    where nothing better than a map is known (else None). ``pairs`` and ``hit_share`` (N,) are the
+    readings behind it.
     """
 
     sensor: Sensor
@@ -79,6 +81,7 @@ class LearnedSensor:
     by_incidence: tuple[IncidenceBin, ...]
     pairs: Pairs
     hit_share: Floats
+    tuned: Mapping[str, float] | None = None
 
     @property
     def typical_m(self) -> float:
@@ -95,6 +98,8 @@ class LearnedSensor:
 
         Bias and scale only where their intervals leave out 0 and 1: else they are chance.
         """
+        if self.tuned is not None:
+            return dict(self.tuned)
         fit, values = self.fit, dict[str, Any]()
         mixture = fit.mixture
         if "scale" not in fit.fixed:

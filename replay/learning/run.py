@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from mapping.config import MappingConfig
+from mapping.config_sections import sensor_section
 from mapping.layer_map import empty_maps
 from mapping.learning.known_ranges import (
     KnownRanges,
@@ -21,12 +22,15 @@ from mapping.learning.sensors import LearnedSensor, check_enough, learn_sensor
 from mapping.pipeline import geometry_of
 from mapping.placed_session import PlacedSession, place_session
 from mapping.readings import Readings
-from mapping.scoring.held_out import as_occupied, held_out, judge
+from mapping.scoring.held_out import Judged, as_occupied, held_out, judge
 from recorder.columns import Floats, Ints
 from recorder.errors import BadInput
+from recorder.messages import Radiation
 from recorder.session.columns import open_session
 from recorder.simulator.surfaces import wall_surfaces
 from recorder.truth import read_surfaced_walls, true_surfaces, true_walls
+
+_BANDS = (0.025, 0.05, 0.1, 0.15, 0.2)  # relative depths that are tried where no walls are known
 
 
 def learn(
@@ -68,7 +72,10 @@ def learn(
         try:
             joined = _joined(parts)
             check_enough(joined)
-            learned.append(learn_sensor(joined, against, own_map=own_map))
+            fitted = learn_sensor(joined, against, own_map=own_map)
+            if against not in ("true walls", "a tape measure"):
+                fitted = replace(fitted, tuned=_tuned(sessions[0], config, fitted))
+            learned.append(fitted)
         except BadInput as error:
             reasons.append(str(error))
     if not learned:
@@ -92,6 +99,38 @@ def _known(
     made_of = wall_surfaces(surfaces)
     through = None if made_of is None else walls_m[made_of.opaque]
     return [from_walls(placed, n, walls_m, through=through) for n in names], "true walls"
+
+
+def _tuned(path: Path, config: MappingConfig, learned: LearnedSensor) -> dict[str, float]:
+    """The depth of the band with which the map predicts the readings best, if surely better.
+
+    A map blurs what it is learned from, so a spread by it is no measure of the band: the readings
+    that were kept out are. Only models with such a band have it.
+    """
+    sensor = learned.sensor
+    if sensor.model != "fading":
+        return {}
+    keys = ("behind",) if sensor.radiation is Radiation.ULTRASOUND else ("before", "behind")
+    best, best_score, first = dict[str, float](), None, None
+    for depth in (None, *_BANDS):
+        settings = {} if depth is None else dict.fromkeys(keys, depth)
+        judged = _held_out_with(path, config, sensor.name, settings)
+        scores = judged.of_sensors([sensor.name])
+        if first is None or best_score is None:
+            first, best_score = judged, scores.mean
+        elif scores.mean > best_score and judged.gain_over(first, [sensor.name]).low > 0.0:
+            best, best_score = settings, scores.mean
+    return best
+
+
+def _held_out_with(
+    path: Path, config: MappingConfig, name: str, settings: Mapping[str, float]
+) -> Judged:
+    section = config.sensors.get(name) or sensor_section()()
+    sensors = {**config.sensors, name: section.model_copy(update=dict(settings))}
+    changed = config.model_copy(update={"sensors": sensors})
+    placed = place_session(open_session(path), changed)
+    return held_out(placed, changed, geometry_of(placed, config))
 
 
 def _walls(given: str) -> tuple[Floats, tuple[str, ...]]:

@@ -40,6 +40,12 @@ def verdict(learned: LearnedSensor) -> list[str]:
         f"{_percent(mixture.none)} without echo; {_percent(learned.long)} of the echoes come from "
         "farther away than what is nearest (mirrored)."
     )
+    if learned.tuned is not None:
+        lines.append(
+            f"By {learned.against} alone: the spread holds its blur. "
+            + ("A band of another depth predicts better." if learned.tuned
+               else "No other band predicts its readings surely better: none is set.")
+        )  # fmt: skip
     return [*lines, *_where_lost(learned)]
 
 
