@@ -97,13 +97,23 @@ def from_walls(
     )  # fmt: skip
 
 
-def from_map(readings: Readings, axes_row: Ints, expected_m: Floats, name: str) -> KnownRanges:
-    """Against the ranges that a map predicts for each axis, (K,); one ray stands for the beam."""
+def from_map(
+    readings: Readings,
+    axes_row: Ints,
+    expected_m: Floats,
+    name: str,
+    bearings_rad: Floats | None = None,
+) -> KnownRanges:
+    """Against the ranges that a map predicts for each axis, (K,) or (K, J): of J rays across it.
+
+    ``bearings_rad`` (J,) are those of the rays; without them one stands for the whole beam.
+    """
     number = next(k for k, sensor in enumerate(readings.sensors) if sensor.name == name)
     axes = _some(np.flatnonzero(readings.sensor[axes_row] == number))
     row, sensor = axes_row[axes], readings.sensors[number]
-    true_m = expected_m[axes][:, None]
-    return _known(readings, axes, row, sensor, np.zeros(1), true_m, np.full_like(true_m, np.nan))
+    true_m = expected_m[axes].reshape(len(axes), -1)
+    across_rad = np.zeros(1) if bearings_rad is None else bearings_rad
+    return _known(readings, axes, row, sensor, across_rad, true_m, np.full_like(true_m, np.nan))
 
 
 def from_tape(sensor: Sensor, ranges_m: list[Floats], distances_m: list[float]) -> KnownRanges:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from mapping.config import MappingConfig
 from mapping.config_sections import sensor_section
 from mapping.layer_map import empty_maps
 from mapping.learning.known_ranges import (
+    WIDEST,
     KnownRanges,
     as_measured,
     from_map,
@@ -23,13 +25,15 @@ from mapping.pipeline import geometry_of
 from mapping.placed_session import PlacedSession, place_session
 from mapping.readings import Readings
 from mapping.scoring.held_out import Judged, as_occupied, held_out, judge
-from recorder.columns import Floats, Ints
+from recorder.columns import Floats
 from recorder.errors import BadInput
 from recorder.messages import Radiation
 from recorder.session.columns import open_session
 from recorder.simulator.surfaces import wall_surfaces
 from recorder.truth import read_surfaced_walls, true_surfaces, true_walls
 
+_RAY_RAD = math.radians(2.0)
+_THIN_RAD = math.radians(0.5)
 _BANDS = (0.025, 0.05, 0.1, 0.15, 0.2)  # relative depths that are tried where no walls are known
 
 
@@ -147,31 +151,38 @@ def _by_map(
     """Against the map of the trusted sensor, or of each sensor's own other readings."""
     if trust is not None and trust not in placed.sensors:
         raise BadInput(f"no sensor {trust!r} to trust; there are {', '.join(placed.sensors)}")
-    geometry = geometry_of(placed, config)
     if trust is None:
-        judged = held_out(placed, config, geometry)
-        names = list(placed.sensors)
-        rows, expected_m, readings = judged.axes_row, judged.expected_m, judged.readings
-    else:
-        rows, expected_m, readings = _expected_by(placed, config, trust)
-        names = [name for name in placed.sensors if name != trust]
-    known = [from_map(readings, rows, expected_m, name) for name in names]
-    return known, "its own map" if trust is None else f"the map of {trust}"
+        judged = held_out(placed, config, geometry_of(placed, config))
+        known = [
+            from_map(judged.readings, judged.axes_row, judged.expected_m, name)
+            for name in placed.sensors
+        ]
+        return known, "its own map"
+    known = [_by_trusted(placed, config, trust, name) for name in placed.sensors if name != trust]
+    return known, f"the map of {trust}"
 
 
-def _expected_by(
-    placed: PlacedSession, config: MappingConfig, trust: str
-) -> tuple[Ints, Floats, Readings]:
-    """Each axis's range in the whole map of one sensor."""
-    geometry = geometry_of(placed, config)
+def _by_trusted(placed: PlacedSession, config: MappingConfig, trust: str, name: str) -> KnownRanges:
+    """A sensor's readings against the whole map of another: what each of some rays would meet."""
+    geometry, sensor = geometry_of(placed, config), placed.sensors[name]
     maps = empty_maps(placed.placement.sensors, geometry, config.grid)
     readings = Readings.joined(list(placed))
     layer = maps[placed.sensors[trust].layer]
     layer.merge_many(readings)
     occupied = as_occupied(layer.layer().probability, geometry.resolution_m)[None]
     block = np.zeros(len(readings), np.int64)
-    judged = judge(readings, block, 1, geometry, dict.fromkeys(maps, occupied))
-    return judged.axes_row, judged.expected_m, readings
+    count = math.ceil(WIDEST * sensor.beam_width_rad / 2.0 / _RAY_RAD)
+    if len(readings.ranges_m) != len(readings):
+        count = 0  # of a scan the axes are rays already
+    bearings_rad: Floats = np.arange(-count, count + 1).astype(np.float64) * _RAY_RAD
+    thin = tuple(replace(each, beam_width_rad=_THIN_RAD) for each in readings.sensors)
+    expected_m = []
+    for across_rad in bearings_rad.tolist():
+        ray = replace(readings, sensors=thin, bearings_rad=readings.bearings_rad + across_rad)
+        judged = judge(ray, block, 1, geometry, dict.fromkeys(maps, occupied))
+        expected_m.append(judged.expected_m)
+    every_m = np.column_stack(expected_m)
+    return from_map(readings, judged.axes_row, every_m, name, bearings_rad if count else None)
 
 
 def _by_tape(path: Path, config: MappingConfig, distance_m: float) -> list[KnownRanges]:
