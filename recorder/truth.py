@@ -8,7 +8,7 @@ counts: the library's rounding to six decimals is switched off.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,7 @@ from recorder.inputs import note_input
 
 WALLS = "truth.geojson"  # the name of the attachment
 WALLS_TYPE = "application/geo+json"
+SMOOTH = "smooth"  # the surface of a wall of which nothing is stated
 MAX_EXTENT_M = 100.0
 MAX_FARTHEST_M = 1e6
 MAX_WALLS = 10_000
@@ -39,43 +40,77 @@ def true_walls(attachments: Mapping[str, bytes]) -> NDArray[np.float64] | None:
         raise BadInput(f"the session's attachment {WALLS}: {error}") from None
 
 
-def walls_to_geojson(walls_m: NDArray[np.float64], name: str) -> bytes:
-    """Walls (K, 2, 2) as one feature that :func:`walls_from_geojson` gives back exactly."""
-    geometry = geojson.MultiLineString(walls_m.tolist(), precision=_ALL_DIGITS)
-    feature = geojson.Feature(geometry=geometry, properties={"name": name})
-    return str(geojson.dumps(geojson.FeatureCollection([feature]))).encode()
+def true_surfaces(attachments: Mapping[str, bytes]) -> tuple[str, ...]:
+    """What each of a session's :func:`true_walls` is made of; empty where nothing is stated."""
+    return surfaced_walls(attachments[WALLS])[1] if WALLS in attachments else ()
+
+
+def walls_to_geojson(
+    walls_m: NDArray[np.float64], name: str, surfaces: Sequence[str] = ()
+) -> bytes:
+    """Walls (K, 2, 2) as features that :func:`walls_from_geojson` gives back exactly.
+
+    They are one feature, or one for each stretch of the same surface, where ``surfaces`` (K) names
+    what each is made of.
+    """
+    cuts = [k for k in range(1, len(surfaces)) if surfaces[k] != surfaces[k - 1]]
+    features = []
+    for first, end in itertools.pairwise([0, *cuts, len(walls_m)]):
+        geometry = geojson.MultiLineString(walls_m[first:end].tolist(), precision=_ALL_DIGITS)
+        made_of = {"surface": surfaces[first]} if surfaces else {}
+        features.append(geojson.Feature(geometry=geometry, properties={"name": name, **made_of}))
+    return str(geojson.dumps(geojson.FeatureCollection(features))).encode()
 
 
 def walls_from_geojson(data: bytes) -> NDArray[np.float64]:
     """Lines and polygons → walls (K, 2, 2) in metres, read-only, in the order of the file.
 
-    Points are skipped, and so are walls without length. Raises BadInput, in one
-    line, for anything that is not GeoJSON, holds no wall, holds a number that is not finite, spans
-    more than 100 m or has more than 10,000 walls.
+    Raises BadInput as :func:`surfaced_walls` does.
+    """
+    return surfaced_walls(data)[0]
+
+
+def surfaced_walls(data: bytes) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """The same, with what each wall is made of: its feature's property ``surface``.
+
+    Walls without one are smooth; no surfaces at all where no feature has the property. Points are
+    skipped, and so are walls without length. Raises BadInput, in one line, for anything that is not
+    GeoJSON, holds no wall, holds a number that is not finite, spans more than 100 m or has more
+    than 10,000 walls.
     """
     if len(data) > MAX_BYTES:
         raise BadInput(f"{len(data)} bytes are too many for a room (at most {MAX_BYTES})")
     try:
         root = geojson.loads(data.decode("utf-8-sig"), object_hook=_exact)
-        pieces = [piece for geometry in _geometries(root) for piece in _pieces(geometry)]
-        walls_m = np.array(pieces, dtype=np.float64).reshape(-1, 2, 2)
+        found = [
+            (piece, surface)
+            for geometry, surface in _geometries(root)
+            for piece in _pieces(geometry)
+        ]
+        walls_m = np.array([piece for piece, _ in found], dtype=np.float64).reshape(-1, 2, 2)
     except BadInput:
         raise
     except RecursionError:
         raise BadInput("this GeoJSON is nested too deeply") from None
     except Exception as error:  # the library raises whatever its parser happens to
         raise BadInput(f"this is no GeoJSON that can be read: {reason_of(error)}") from None
-    return _checked(walls_m)
+    surfaces = tuple(surface or SMOOTH for _, surface in found)
+    return _checked(walls_m), surfaces if any(surface for _, surface in found) else ()
 
 
 def read_walls(file: Path) -> NDArray[np.float64]:
     """The walls in a GeoJSON file; BadInput names the file."""
+    return read_surfaced_walls(file)[0]
+
+
+def read_surfaced_walls(file: Path) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """The walls in a GeoJSON file, and their surfaces; BadInput names the file."""
     note_input(file)
     check_file(file, most_bytes=MAX_BYTES)
     with reading(file, "GeoJSON"):
         data = file.read_bytes()
     try:
-        return walls_from_geojson(data)
+        return surfaced_walls(data)
     except BadInput as error:
         raise BadInput(f"{file}: {error}") from None
 
@@ -91,20 +126,22 @@ def _exact(mapping: dict[str, Any]) -> Any:
     return geojson.GeoJSON.to_instance(mapping)
 
 
-def _geometries(node: Any) -> Iterator[Any]:
-    """All simple geometries below a GeoJSON value, in order."""
+def _geometries(node: Any, surface: str = "") -> Iterator[tuple[Any, str]]:
+    """All simple geometries below a GeoJSON value, in order, with the surface of their feature."""
     match node:
         case geojson.FeatureCollection():
             for feature in node["features"]:
                 yield from _geometries(feature)
         case geojson.Feature():
             if node["geometry"] is not None:
-                yield from _geometries(node["geometry"])
+                stated = (node.get("properties") or {}).get("surface")
+                made_of = stated if isinstance(stated, str) else ""
+                yield from _geometries(node["geometry"], made_of)
         case geojson.GeometryCollection():
             for geometry in node["geometries"]:
-                yield from _geometries(geometry)
+                yield from _geometries(geometry, surface)
         case geojson.geometry.Geometry():
-            yield node
+            yield node, surface
         case _:
             raise BadInput("this is no GeoJSON: lines or polygons were expected")
 

@@ -17,6 +17,7 @@ from recorder.sensors import CATALOGUE, ScanPattern
 from recorder.simulator.echoes import cast, fan, range_reading, scan_reading
 from recorder.simulator.robot import Robot
 from recorder.simulator.rooms import ROOMS
+from recorder.simulator.surfaces import MIRROR_DEG, wall_surfaces
 from recorder.simulator.walls import rectangle
 
 PING, DIRRS, LIDAR = (CATALOGUE[name] for name in ("ping", "dirrs", "lidar"))
@@ -205,3 +206,79 @@ def test_a_sensor_that_clips_reports_its_least_range():
     maxbotix, near = CATALOGUE["mb1010"], SE2(0.95, 0.0, 0.0)
     readings_m = pings(ARENA, near, ranger=maxbotix, count=300)
     assert set(readings_m[np.isfinite(readings_m)]) == {maxbotix.min_range_m}
+
+
+# --- surfaces, and sensors that are read by their voltage
+
+
+def slanted(angle_deg):
+    """A long wall 0.5 m ahead of a sensor at the origin, met at so many degrees from its normal."""
+    along = np.array([math.sin(math.radians(angle_deg)), math.cos(math.radians(angle_deg))])
+    return np.array([[[0.5, 0.0] - 2.0 * along, [0.5, 0.0] + 2.0 * along]])
+
+
+def share_heard(surface, angle_deg):
+    rng, surfaces = np.random.default_rng(3), wall_surfaces([surface])
+    thin = dataclasses.replace(PING, beam_width_deg=4.0)
+    readings = [
+        range_reading(slanted(angle_deg), SE2(0.0, 0.0, 0.0), thin, 1.0, rng, surfaces)
+        for _ in range(200)
+    ]
+    return np.isfinite(readings).mean()
+
+
+def test_rough_walls_send_sound_back_where_smooth_and_glass_ones_mirror_it():
+    square, slant, steep = (
+        [share_heard(surface, angle) for surface in ("rough", "smooth", "glass")]
+        for angle in (0.0, 18.0, 45.0)
+    )
+    assert min(square) > 0.85
+    assert slant[0] > 0.85 < slant[1]
+    assert slant[2] < 0.2
+    assert steep[0] > 0.85
+    assert max(steep[1:]) < 0.1
+
+
+def test_light_passes_through_glass():
+    walls_m = np.array([[[0.3, -1.0], [0.3, 1.0]], [[0.6, -1.0], [0.6, 1.0]]])
+    surfaces = wall_surfaces(["glass", "smooth"])
+    rng = np.random.default_rng(1)
+    seen = [range_reading(walls_m, SE2(0, 0, 0), DIRRS, 1.0, rng, surfaces) for _ in range(50)]
+    assert np.median(seen) == pytest.approx(0.6, rel=0.03)
+    heard = [range_reading(walls_m, SE2(0, 0, 0), PING, 1.0, rng, surfaces) for _ in range(50)]
+    assert np.median(heard) == pytest.approx(0.3, rel=0.05)
+    scan = scan_reading(walls_m, SE2(0, 0, 0), LIDAR, LIDAR.scan, 0.0, rng, surfaces)
+    assert scan[180] == pytest.approx(0.6)
+    only = wall_surfaces(["glass", "glass"])
+    assert range_reading(walls_m, SE2(0, 0, 0), DIRRS, 1.0, rng, only) == math.inf
+
+
+def test_where_all_is_smooth_nothing_changes():
+    assert wall_surfaces(()) is None
+    assert wall_surfaces(["smooth", "smooth"]) is None
+    one, other = np.random.default_rng(1), np.random.default_rng(1)
+    said = dataclasses.replace(wall_surfaces(["glass"] * 4), mirror_deg=np.full(4, MIRROR_DEG))
+    pose = SE2(0.2, 0.1, 0.4)
+    for _ in range(100):
+        assert range_reading(ARENA, pose, PING, 1.0, one) == range_reading(
+            ARENA, pose, PING, 1.0, other, said
+        )
+
+
+def test_a_voltage_is_read_in_steps_that_are_coarse_far_away():
+    sharp, rng = CATALOGUE["gp2y0a21"], np.random.default_rng(2)
+    walls_m = np.array([[[0.75, -1.0], [0.75, 1.0]]])
+    far = {range_reading(walls_m, SE2(0, 0, 0), sharp, 1.0, rng) for _ in range(400)}
+    finite = np.sort([r for r in far if math.isfinite(r)])
+    steps = np.diff(finite)
+    assert steps.min() == pytest.approx(finite.min() ** 2 * 5.0 / 1023.0 / 0.24, rel=0.1)
+    assert len(finite) < 30
+    near = range_reading(walls_m, SE2(0.6, 0, 0), sharp, 1.0, rng)
+    assert near == pytest.approx(0.15, rel=0.15)
+
+
+def test_what_is_very_near_reads_as_something_far():
+    sharp, rng = CATALOGUE["gp2y0a21"], np.random.default_rng(2)
+    walls_m = np.array([[[0.02, -1.0], [0.02, 1.0]]])
+    assert range_reading(walls_m, SE2(0, 0, 0), sharp, 1.0, rng) == pytest.approx(0.18, rel=0.15)
+    assert range_reading(walls_m, SE2(0, 0, 0), sharp, 0.0, rng) == -math.inf

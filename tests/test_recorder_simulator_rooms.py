@@ -12,12 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from naive_echoes import nearest_wall, point_to_wall
+from scipy import ndimage
 
 from recorder.errors import BadInput
-from recorder.simulator.rooms import ROOMS, Room, check_route, load_room, parse_route
-from recorder.simulator.routes import ROBOT_RADIUS_M, default_route, inside
+from recorder.simulator.rooms import ROOMS, ROUTES, Room, check_route, load_room, parse_route
+from recorder.simulator.routes import ROBOT_RADIUS_M, _outline, default_route, inside
 from recorder.simulator.walls import disc, leg_clearance, path, point_clearance, rectangle
-from recorder.truth import walls_from_geojson, walls_to_geojson
+from recorder.truth import surfaced_walls, true_surfaces, walls_from_geojson, walls_to_geojson
 
 SQUARE = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [0.0, 0.0]]
 walls_arrays = hnp.arrays(
@@ -31,7 +32,10 @@ def drawn(*geometries: dict) -> bytes:
 
 
 def test_the_rooms_are_the_promised_ones():
-    promised = {"room", "empty", "l-room", "corridor", "cluttered", "pillar", "skewed"}
+    promised = {
+        "room", "empty", "l-room", "corridor", "cluttered", "pillar", "skewed", "square", "glass",
+        "rough", "flat",
+    }  # fmt: skip
     assert set(ROOMS) == promised
     width_m, height_m = np.ptp(ROOMS["room"].walls_m, axis=(0, 1))
     assert (width_m, height_m) == (2.2, 1.6)
@@ -67,8 +71,10 @@ def test_walls_come_back_from_geojson_exactly(walls_m):
 
 @pytest.mark.parametrize("name", ROOMS)
 def test_built_in_rooms_come_back_from_geojson_exactly(name):
-    data = walls_to_geojson(ROOMS[name].walls_m, name)
-    np.testing.assert_array_equal(walls_from_geojson(data), ROOMS[name].walls_m)
+    data = walls_to_geojson(ROOMS[name].walls_m, name, ROOMS[name].surfaces)
+    walls_m, surfaces = surfaced_walls(data)
+    np.testing.assert_array_equal(walls_m, ROOMS[name].walls_m)
+    assert surfaces == ROOMS[name].surfaces
     assert geojson.loads(data)["features"][0].is_valid
 
 
@@ -233,3 +239,85 @@ def test_clearance_of_a_leg():
     assert leg_clearance(*across_a_corner, walls_m) == 0.0
     assert leg_clearance(a, b, np.empty((0, 2, 2))) == math.inf
     assert ROBOT_RADIUS_M > 0.044  # the sonar in front never pokes through a wall
+
+
+# --- routes by name
+
+
+@pytest.mark.parametrize("name", ROOMS)
+@pytest.mark.parametrize("kind", ROUTES)
+def test_every_room_has_every_route(name, kind):
+    room = ROOMS[name]
+    route_m = parse_route(kind, room, seed=3)  # which checks that it can be driven
+    np.testing.assert_array_equal(route_m, parse_route(kind, room, seed=3))
+    assert not route_m.flags.writeable
+    clearance_m = min(
+        leg_clearance(a, b, room.walls_m)
+        for a, b in zip(route_m, np.roll(route_m, -1, axis=0), strict=True)
+    )
+    if kind == "far":
+        assert clearance_m > 0.2
+    if kind == "walls":
+        assert 0.07 <= clearance_m < 0.2
+
+
+def test_along_the_walls_all_of_a_square_is_passed_and_on_the_spot_its_middle():
+    room = ROOMS["square"]
+    along = parse_route("walls", room)
+    np.testing.assert_allclose(np.ptp(along, axis=0), 2.0 - 2 * 0.14, atol=0.05)
+    np.testing.assert_allclose(parse_route("spin", room), [[1.0, 1.0]], atol=0.03)
+
+
+def test_random_routes_follow_from_the_seed():
+    one, other = (parse_route("random", ROOMS["empty"], seed) for seed in (1, 2))
+    assert one.shape != other.shape or not np.array_equal(one, other)
+
+
+@given(hnp.arrays(np.bool_, (7, 8)))
+@settings(deadline=None, max_examples=100)
+def test_an_outline_goes_round_its_patch(flags):
+    """Neighbouring cells of the patch, all those at its rim, and no cell inside it."""
+    label, count = ndimage.label(flags)
+    for number in range(1, count + 1):
+        patch = label == number
+        cells = _outline(patch)
+        assert patch[cells[:, 0], cells[:, 1]].all()
+        steps = np.abs(np.roll(cells, -1, axis=0) - cells).max(axis=1)
+        assert (steps <= 1).all()
+        filled = ndimage.binary_fill_holes(patch)
+        rim = filled & ~ndimage.binary_erosion(filled)
+        assert {tuple(cell) for cell in cells.tolist()} <= set(
+            map(tuple, np.argwhere(rim).tolist())
+        )
+        assert cells[:, 0].max() == np.flatnonzero(patch.any(axis=1)).max()
+        assert cells[:, 1].max() == np.flatnonzero(patch.any(axis=0)).max()
+
+
+# --- surfaces
+
+
+def test_surfaces_of_a_file_and_of_a_session(tmp_path):
+    line = {"type": "LineString", "coordinates": [[1.0, 0.0], [1.0, 1.0]]}
+    feature = {"type": "Feature", "properties": {"surface": "glass"}, "geometry": line}
+    room = {"type": "Polygon", "coordinates": [SQUARE]}
+    collection = {"type": "FeatureCollection", "features": [
+        {"type": "Feature", "properties": None, "geometry": room}, feature]}  # fmt: skip
+    data = json.dumps(collection).encode()
+    surfaces = surfaced_walls(data)[1]
+    assert surfaces == ("smooth",) * 4 + ("glass",)
+    assert true_surfaces({"truth.geojson": data}) == surfaces
+    assert true_surfaces({}) == ()
+    assert surfaced_walls(drawn(room))[1] == ()
+    file = tmp_path / "mine.geojson"
+    file.write_bytes(data)
+    assert load_room(file).surfaces == surfaces
+    feature["properties"]["surface"] = "glas"
+    file.write_bytes(json.dumps(collection).encode())
+    with pytest.raises(BadInput, match="did you mean 'glass'"):
+        load_room(file)
+
+
+def test_a_room_has_a_surface_for_each_wall():
+    room = ROOMS["empty"]
+    with pytest.raises(ValueError, match="as many surfaces"):
+        Room("x", room.walls_m.copy(), room.route_m.copy(), ("glass",))

@@ -44,7 +44,8 @@ from recorder.cli.simulated_faults import fault_options, faults_of
 @click.option(
     "--route",
     default="default",
-    help='Where it drives: "x,y;x,y;..." in metres; default: the room\'s own route.',
+    help='Where it drives: spin, walls (along them), far (from them), random, or "x,y;x,y;..." in '
+    "metres; default: the room's own route.",
 )
 @click.option(
     "--head-sweep",
@@ -73,7 +74,7 @@ def simulate(
     from recorder.truth import WALLS, WALLS_TYPE, walls_to_geojson
 
     place = load_room(room)
-    path = None if route == "default" else parse_route(route, place)
+    path = None if route == "default" else parse_route(route, place, seed)
     wrong = faults_of(faults)
     names = tuple(name.strip() for name in sensors.split(",") if name.strip())
     messages = run(
@@ -85,7 +86,9 @@ def simulate(
         metadata["faults"] = wrong.stated()
     count = 0
     with SessionWriter(output, metadata=metadata, force=force) as session:
-        session.attach(WALLS, WALLS_TYPE, walls_to_geojson(place.walls_m, place.name))
+        session.attach(
+            WALLS, WALLS_TYPE, walls_to_geojson(place.walls_m, place.name, place.surfaces)
+        )
         for log_ns, message in messages:
             session.write(message, log_ns=log_ns)
             count += 1

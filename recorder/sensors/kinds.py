@@ -59,7 +59,9 @@ class Faults:
     the beam of a light wavers, ``average_deg`` how wide a cone is averaged to one range.
     ``short_share`` and ``lost_share`` count the echoes that come too early or not at all. A sensor
     that ``clips`` reports its least range for all that is nearer; its ranges are whole multiples
-    of ``resolution_m`` (0: as fine as the protocol).
+    of ``resolution_m`` (0: as fine as the protocol). A sensor with an analogue output gives
+    ``volts_m`` / range volts (0: it is digital), which a converter reads in steps; nearer than 0.6
+    of its least range the voltage falls again.
     """
 
     error: float = 0.0
@@ -70,6 +72,7 @@ class Faults:
     lost_share: float = 0.0
     clips: bool = False
     resolution_m: float = 0.0
+    volts_m: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -45,6 +45,7 @@ from recorder.simulator.faults import (
     spoiled,
 )
 from recorder.simulator.rooms import Room, check_route
+from recorder.simulator.surfaces import wall_surfaces
 
 DEFAULT_START_NS = 1_767_225_600_000_000_000  # 2026-01-01T00:00:00Z
 WHEELS = WheelGeometry(ticks_per_m=2000.0, track_m=0.106)
@@ -111,6 +112,7 @@ class Robot:
         self._seed = seed
         self._sweep_rad = math.radians(head_sweep_deg)
         self._faults = faults
+        self._surfaces = wall_surfaces(room.surfaces)
         check_faults(faults, self.kinds)
 
     def events(self, duration_s: float = math.inf) -> Iterator[Event]:
@@ -228,16 +230,19 @@ class Robot:
 
         def measure(t_ns: int) -> float:
             sensor = self._world_from_sensor(name, kind, t_ns)
-            range_m = range_reading(self.room.walls_m, sensor, kind, self._noise, rng)
+            range_m = self._reading(sensor, kind, rng)
             for other, of_other in others:
                 if of_talk.random() < self._faults.cross_talk:
                     there = self._world_from_sensor(other, of_other, t_ns)
-                    way_m = range_reading(self.room.walls_m, there, of_other, self._noise, of_talk)
+                    way_m = self._reading(there, of_other, of_talk)
                     apart_m = math.hypot(there.x_m - sensor.x_m, there.y_m - sensor.y_m)
                     range_m = min(range_m, way_m + apart_m / 2.0) if way_m > 0.0 else range_m
             return range_m if faults is SOUND_SENSOR else spoiled(range_m, faults, kind, of_faults)
 
         return measure
+
+    def _reading(self, sensor: SE2, kind: SensorKind, rng: np.random.Generator) -> float:
+        return range_reading(self.room.walls_m, sensor, kind, self._noise, rng, self._surfaces)
 
     def _heard_by(self, name: str, kind: SensorKind) -> list[tuple[str, SensorKind]]:
         """The sonars whose echoes a sonar receives: they ping at once, and sound bends round."""
@@ -265,8 +270,8 @@ class Robot:
             at_ns = self._before(t_ns, faults.delay_s)
             sensor = self._world_from_sensor(name, kind, at_ns)
             ranges_m = scan_reading(
-                self.room.walls_m, sensor, kind, pattern, self._noise, rng
-            )  # fmt: skip
+                self.room.walls_m, sensor, kind, pattern, self._noise, rng, self._surfaces
+            )
             if faults is not SOUND_SENSOR:
                 ranges_m = np.array([spoiled(r, faults, kind, of_faults) for r in ranges_m])
             if holds_at(faults.dead_s, t_ns * 1e-9):

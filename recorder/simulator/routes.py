@@ -8,6 +8,7 @@ around them is. The route visits places far from each other, joined by the short
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,10 @@ ROBOT_RADIUS_M = 0.07
 WAYPOINT_SPACING_M = 0.6
 MAX_WAYPOINTS = 24
 _CLEARANCES_M = (0.20, 0.15, 0.11)  # wished for; a narrow room gets less
+_FAR_CLEARANCES_M = (0.8, 0.7, 0.6, 0.5, 0.45, 0.4, 0.35, 0.3, 0.25)
+_BESIDE_WALLS_M = 0.12
+_RANDOM_PLACES = 20
+_NOWHERE = "between these walls there is no place where a robot could drive"
 _CELL_M = 0.02
 _MAX_CELLS_ACROSS = 1000
 _MAX_NODES = 10_000
@@ -47,6 +52,15 @@ class FreeSpace:
         rows, cols = self.clearance_m.shape
         return np.clip(index[..., 1], 0, rows - 1), np.clip(index[..., 0], 0, cols - 1)
 
+    @property
+    def centres_m(self) -> Points:
+        """The centres of all cells, (rows * cols, 2), row by row."""
+        return self.points_m(np.argwhere(np.ones(self.inside.shape, np.bool_)))
+
+    def points_m(self, cells: NDArray[np.intp]) -> Points:
+        """The centres (N, 2) of cells (N, 2) as row, col."""
+        return np.asarray((cells[:, ::-1] + 0.5) * self.cell_m + np.array(self.origin_m))
+
     def safe(self, points_m: Points, clearance_m: float) -> NDArray[np.bool_]:
         """Which points (..., 2) are in the room and at least ``clearance_m`` from any wall."""
         cells = self.cells_of(points_m)
@@ -68,6 +82,16 @@ def inside(points_m: Points, walls_m: Walls) -> NDArray[np.bool_]:
     return np.asarray(space.inside[space.cells_of(points_m)] & ~off_grid)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Ways:
+    """Where a robot can drive and how: nodes (N, 2), and the lengths of the legs between them."""
+
+    space: FreeSpace
+    nodes_m: Points
+    graph: sparse.csr_array
+    clearance_m: float
+
+
 def default_route(walls_m: Walls) -> NDArray[np.float64]:
     """A closed route (N, 2) through the room that keeps clear of its walls (K, 2, 2).
 
@@ -75,20 +99,122 @@ def default_route(walls_m: Walls) -> NDArray[np.float64]:
     they are visited nearest first. A room with space for one place only gives one waypoint.
     Raises BadInput when a robot fits nowhere.
     """
+    ways = _ways(free_space(walls_m), _CLEARANCES_M)
+    return _locked(ways.nodes_m[_tour(ways)])
+
+
+def route_far_from_walls(walls_m: Walls) -> NDArray[np.float64]:
+    """The same with the most clearance that leaves at least three waypoints."""
     space = free_space(walls_m)
-    for clearance_m in _CLEARANCES_M:
+    for clearance_m in _FAR_CLEARANCES_M:
+        if space.safe(space.centres_m, clearance_m).any():
+            ways = _ways(space, (clearance_m, *_CLEARANCES_M))
+            tour = _tour(ways)
+            if len(tour) >= 3:
+                return _locked(ways.nodes_m[tour])
+    return default_route(walls_m)
+
+
+def route_on_the_spot(walls_m: Walls) -> NDArray[np.float64]:
+    """One waypoint (1, 2): the place farthest from any wall, where the robot turns round."""
+    space = free_space(walls_m)
+    clear_m = np.where(space.inside, space.clearance_m, -1.0).ravel()
+    if clear_m.max() < ROBOT_RADIUS_M:
+        raise BadInput(_NOWHERE)
+    return _locked(space.centres_m[[int(np.argmax(clear_m))]])
+
+
+def random_route(walls_m: Walls, seed: int) -> NDArray[np.float64]:
+    """A closed route (N, 2) past twenty places drawn at random, the same for the same seed."""
+    ways = _ways(free_space(walls_m), _CLEARANCES_M)
+    places = np.random.default_rng(seed).integers(0, len(ways.nodes_m), _RANDOM_PLACES).tolist()
+    _, parents = csgraph.dijkstra(
+        ways.graph, directed=False, indices=places, return_predecessors=True
+    )
+    return _locked(ways.nodes_m[_joined(ways, places, list(parents), list(range(len(places))))])
+
+
+def route_along_walls(walls_m: Walls) -> NDArray[np.float64]:
+    """A closed route (N, 2) round the room, as near to its outer walls as the robot may come."""
+    space = free_space(walls_m)
+    for clearance_m in (_BESIDE_WALLS_M, ROBOT_RADIUS_M):
+        label, count = ndimage.label(
+            space.inside & (space.clearance_m >= clearance_m + space.cell_m)
+        )
+        if count:
+            largest = 1 + int(np.argmax(np.bincount(label.ravel())[1:]))
+            outline_m = space.points_m(_outline(label == largest))
+            return _locked(_simplified(outline_m, space, clearance_m))
+    raise BadInput(_NOWHERE)
+
+
+def _locked(route_m: Points) -> NDArray[np.float64]:
+    route_m.setflags(write=False)
+    return route_m
+
+
+def _ways(space: FreeSpace, clearances_m: Sequence[float]) -> Ways:
+    """The largest part of the room that can be driven, with the first clearance that gives any."""
+    for clearance_m in clearances_m:
         place, nodes_m = _lattice(space, clearance_m)
         if len(nodes_m):
             break
     else:
-        raise BadInput("between these walls there is no place where a robot could drive")
+        raise BadInput(_NOWHERE)
     graph = _graph(space, place, nodes_m, clearance_m)
     _, part = csgraph.connected_components(graph, directed=False)
     largest = np.flatnonzero(part == np.argmax(np.bincount(part)))
-    nodes_m, graph = nodes_m[largest], graph[largest][:, largest]
-    route_m = nodes_m[_tour(space, nodes_m, graph, clearance_m)]
-    route_m.setflags(write=False)
-    return route_m
+    return Ways(space, nodes_m[largest], graph[largest][:, largest], clearance_m)
+
+
+_AROUND = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
+
+
+def _outline(flags: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """The outer border of one connected patch, cells (N, 2) as row, col, counter-clockwise."""
+    padded = np.pad(flags, 1)
+    row, col = (int(v) for v in np.argwhere(padded)[0])
+    start, way, cells = (row, col), 0, [(row, col)]
+    for _ in range(4 * int(flags.sum()) + 8):
+        for turn in range(-2, 6):
+            step = (way + turn) % 8
+            there = row + _AROUND[step][0], col + _AROUND[step][1]
+            if padded[there]:
+                break
+        else:
+            break  # a patch of one cell
+        (row, col), way = there, step
+        if there == start:
+            break
+        cells.append(there)
+    return np.array(cells, dtype=np.intp) - 1
+
+
+def _simplified(outline_m: Points, space: FreeSpace, clearance_m: float) -> Points:
+    """A closed line of few corners that stays within a few cells of an outline (N, 2), and safe.
+
+    Halves are cut at the point farthest from the chord (Ramer 1972, Douglas and Peucker 1973)
+    until each leg is near and safe.
+    """
+    far = int(np.argmax(np.hypot(*(outline_m - outline_m[0]).T)))
+    if far == 0:
+        return outline_m[:1].copy()
+    ring_m = np.concatenate([outline_m, outline_m[:1]])
+    kept, open_legs = {0, far}, [(0, far), (far, len(outline_m))]
+    while open_legs:
+        first, last = open_legs.pop()
+        if last - first < 2:
+            continue
+        start, way = ring_m[first], ring_m[last] - ring_m[first]
+        inner = ring_m[first + 1 : last] - start
+        length_m = max(float(np.hypot(*way)), 1e-9)
+        away_m = np.abs(inner[:, 0] * way[1] - inner[:, 1] * way[0]) / length_m
+        safe = space.safe_legs(ring_m[[first]], ring_m[[last]], clearance_m - space.cell_m)[0]
+        if away_m.max() > 3.0 * space.cell_m or not safe:
+            cut = first + 1 + int(np.argmax(away_m))
+            kept.add(cut)
+            open_legs += [(first, cut), (cut, last)]
+    return outline_m[sorted(kept - {len(outline_m)})]
 
 
 def free_space(walls_m: Walls) -> FreeSpace:
@@ -154,11 +280,10 @@ def _graph(
     return sparse.csr_array((length_m, (a, b)), shape=(len(nodes_m), len(nodes_m)))
 
 
-def _tour(
-    space: FreeSpace, nodes_m: Points, graph: sparse.csr_array, clearance_m: float
-) -> list[int]:
+def _tour(ways: Ways) -> list[int]:
     """Node numbers of a closed way past places far from each other, without idle ones."""
-    places = [int(np.argmin(nodes_m.sum(axis=1)))]
+    graph = ways.graph
+    places = [int(np.argmin(ways.nodes_m.sum(axis=1)))]
     distances, parents = [], []
     while True:
         distance, parent = csgraph.dijkstra(
@@ -174,11 +299,19 @@ def _tour(
     while left:
         order.append(min(left, key=lambda k: (distances[order[-1]][places[k]], k)))
         left.remove(order[-1])
+    return _joined(ways, places, parents, order)
+
+
+def _joined(
+    ways: Ways, places: list[int], parents: list[NDArray[np.int32]], order: list[int]
+) -> list[int]:
+    """Node numbers of the closed way past places in an order, by trees of shortest ways."""
     tour: list[int] = []
-    for here, there in zip(order, [*order[1:], 0], strict=True):
-        way = _way(parents[here], places[here], places[there])
-        tour += _straightened(space, nodes_m, way, clearance_m)[:-1]
-    return tour or places
+    for here, there in zip(order, [*order[1:], order[0]], strict=True):
+        if places[here] != places[there]:
+            way = _way(parents[here], places[here], places[there])
+            tour += _straightened(ways.space, ways.nodes_m, way, ways.clearance_m)[:-1]
+    return tour or places[:1]
 
 
 def _way(parent: NDArray[np.int32], start: int, end: int) -> list[int]:

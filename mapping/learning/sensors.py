@@ -1,0 +1,241 @@
+"""A sensor's character, from readings whose true distance is known, and what it means for maps."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mapping.learning.known_ranges import KnownRanges
+from mapping.learning.mixture import FEWEST, Fit, Pairs, fit_mixture
+from mapping.parameters import Sensor
+from recorder.columns import Floats
+from recorder.errors import BadInput
+from recorder.messages import Radiation
+
+_MAD = 1.4826
+_BINS = 12
+_FEWEST_IN_BIN = 20
+_INCIDENCE_EDGES_DEG = (0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 75.0, 90.0)
+_USABLE_HITS = 0.4  # of the readings at a distance: with less the sensor is not to be used there
+_LONG_M, _LONG_SPREADS = 0.1, 3.0
+_BAND_SPREADS = 2.5  # standard deviations of a hit that the band of a thin beam takes in
+_LEAST_BAND = 0.01
+_COARSE_STEPS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class RangeBin:
+    """Readings at about one true distance: how far off their hits are, and what became of all.
+
+    ``offset_m`` and ``spread_m`` are the median and the spread by median absolute deviation of the
+    readings that are more likely hits than not (NaN of too few). Shares are of all readings.
+    """
+
+    from_m: float
+    to_m: float
+    readings: int
+    offset_m: float
+    spread_m: float
+    hit: float
+    short: float
+    none: float
+    long: float
+
+
+@dataclass(frozen=True, slots=True)
+class IncidenceBin:
+    """Readings that met a surface at about one angle to its normal; shares of hits and no echo."""
+
+    from_deg: float
+    to_deg: float
+    readings: int
+    hit: float
+    none: float
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedSensor:
+    """What was learned of one sensor.
+
+    ``against`` names what its ranges were held against. ``beam_width_rad`` and its interval are
+    None where they could not be learned. ``long`` is the share of the echoes that are too long by
+    more than 10 cm and three spreads: mirrored ones. ``usable_m`` is where at least 40 % of the
+    readings are hits. ``tuned`` are the settings that proved better by the score without truth,
+    where nothing better than a map is known (else None). ``pairs`` and ``hit_share`` (N,) are the
+    readings behind it.
+    """
+
+    sensor: Sensor
+    against: str
+    fit: Fit
+    beam_width_rad: float | None
+    beam_interval_rad: tuple[float, float] | None
+    long: float
+    usable_m: tuple[float, float]
+    by_range: tuple[RangeBin, ...]
+    by_incidence: tuple[IncidenceBin, ...]
+    pairs: Pairs
+    hit_share: Floats
+    tuned: Mapping[str, float] | None = None
+
+    @property
+    def typical_m(self) -> float:
+        """The median true distance of its readings."""
+        return float(np.median(self.pairs.true_m))
+
+    @property
+    def relative_error(self) -> float:
+        """Two standard deviations of a hit at the typical distance, relative to it."""
+        return float(2.0 * self.fit.mixture.std_m(self.typical_m)) / self.typical_m
+
+    def settings(self) -> dict[str, Any]:
+        """The keys of ``[sensors.NAME]`` that follow from it.
+
+        Bias and scale only where their intervals leave out 0 and 1: else they are chance.
+        """
+        if self.tuned is not None:
+            return dict(self.tuned)
+        fit, values = self.fit, dict[str, Any]()
+        mixture = fit.mixture
+        if "scale" not in fit.fixed:
+            low, high = fit.interval["scale"]
+            off_scale = not low <= 1.0 <= high
+            low, high = fit.interval["bias_m"]
+            if off_scale or not low <= 0.0 <= high:
+                values["range_scale"] = round(mixture.scale, 4)
+                values["range_bias_m"] = round(mixture.bias_m, 4)
+        if self.beam_width_rad:  # of a thin line the stated beam stays
+            values["beam_width_deg"] = round(math.degrees(self.beam_width_rad), 1)
+        values["range_error"] = round(min(max(self.relative_error, 0.005), 0.5), 4)
+        if self.sensor.radiation is not Radiation.ULTRASOUND and self.sensor.model == "fading":
+            band = _BAND_SPREADS / 2.0 * self.relative_error
+            values["before"] = values["behind"] = round(min(max(band, _LEAST_BAND), 0.5), 4)
+        return values
+
+
+def learn_sensor(known: KnownRanges, against: str, *, own_map: bool = False) -> LearnedSensor:
+    """Fit the mixture, at the beam width that explains the readings best where it can be known.
+
+    ``own_map``: the distances come from the sensor's own map, which cannot tell bias and scale.
+    Raises BadInput where there are too few readings.
+    """
+    width_rad, interval_rad = None, None
+    if len(known.bearings_rad) > 1:
+        width_rad, interval_rad = _beam_width(known)
+    pairs, incidence_rad = known.within(width_rad or 0.0)
+    fit = fit_mixture(pairs, unbiased=own_map)
+    good = np.isfinite(pairs.true_m) & (pairs.true_m > 0.0) & ~np.isnan(pairs.range_m)
+    pairs, incidence_rad = pairs.select(good), incidence_rad[good]
+    densities = fit.mixture.densities(pairs)
+    cause = densities / np.maximum(densities.sum(axis=1), 1e-300)[:, None]
+    long = _too_long(fit, pairs)
+    seen = np.isfinite(pairs.range_m)
+    by_range = _by_range(pairs, cause, long)
+    return LearnedSensor(
+        known.sensor, against, fit, width_rad, interval_rad, float(long[seen].mean()),
+        _usable(pairs, cause, by_range), by_range, _by_incidence(pairs, cause, incidence_rad),
+        pairs, cause[:, 0],
+    )  # fmt: skip
+
+
+def _too_long(fit: Fit, pairs: Pairs) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    mean_m, std_m = fit.mixture.mean_m(pairs.true_m), fit.mixture.std_m(pairs.true_m)
+    beyond = pairs.range_m > mean_m + np.maximum(_LONG_M, _LONG_SPREADS * std_m)
+    return np.asarray(beyond & np.isfinite(pairs.range_m))
+
+
+def _beam_width(known: KnownRanges) -> tuple[float, tuple[float, float]]:
+    """The width with the greatest likelihood, coarsely and then by whole rays, and an interval:
+    the widths whose likelihood is not worse beyond what the blocks' differences come to."""
+    of_width: dict[int, Floats] = {}
+    spacing_rad = 2.0 * float(known.bearings_rad[-1] - known.bearings_rad[-2])
+    most = (len(known.bearings_rad) - 1) // 2
+
+    def by_block(rays: int) -> Floats:
+        """The mean log-likelihood of a reading, by block what it adds."""
+        if rays not in of_width:
+            pairs, _ = known.within(rays * spacing_rad)
+            value = fit_mixture(pairs).mixture.log_likelihoods(pairs)
+            of_width[rays] = np.bincount(
+                pairs.block, value, minlength=int(known.block.max()) + 1
+            ) / max(len(pairs.range_m), 1)
+        return of_width[rays]
+
+    steps = sorted({round(k * most / _COARSE_STEPS) for k in range(_COARSE_STEPS + 1)})
+    best = max(steps, key=lambda rays: float(by_block(rays).sum()))
+    stride = max(1, math.ceil(most / _COARSE_STEPS))
+    fine = range(max(best - stride, 0), min(best + stride, most) + 1)
+    best = max(fine, key=lambda rays: float(by_block(rays).sum()))
+    as_good = [rays for rays in of_width if _not_worse(by_block(rays) - by_block(best))]
+    return best * spacing_rad, (min(as_good) * spacing_rad, max(as_good) * spacing_rad)
+
+
+def _not_worse(difference: Floats) -> bool:
+    """Whether differences by block (B,), below zero in sum, may be chance."""
+    spread = float(np.std(difference)) * math.sqrt(len(difference))
+    return float(difference.sum()) >= -1.96 * spread
+
+
+def _by_range(pairs: Pairs, cause: Floats, long: np.ndarray[Any, Any]) -> tuple[RangeBin, ...]:
+    edges = np.unique(np.quantile(pairs.true_m, np.linspace(0.0, 1.0, _BINS + 1)))
+    if len(edges) < 2:
+        edges = np.array([edges[0], edges[0]])
+    of = np.clip(np.searchsorted(edges, pairs.true_m, "right") - 1, 0, len(edges) - 2)
+    bins = []
+    for number in np.unique(of).tolist():
+        mine = of == number
+        hits = mine & (cause[:, 0] > 0.5)
+        off_m = (pairs.range_m - pairs.true_m)[hits]
+        enough = len(off_m) >= _FEWEST_IN_BIN
+        offset_m = float(np.median(off_m)) if enough else math.nan
+        spread_m = _MAD * float(np.median(np.abs(off_m - offset_m))) if enough else math.nan
+        shares = cause[mine].mean(axis=0)
+        bins.append(
+            RangeBin(
+                float(edges[number]), float(edges[number + 1]), int(mine.sum()), offset_m,
+                spread_m, float(shares[0]), float(shares[1]), float(shares[2]),
+                float(long[mine].mean()),
+            )
+        )  # fmt: skip
+    return tuple(bins)
+
+
+def _by_incidence(pairs: Pairs, cause: Floats, incidence_rad: Floats) -> tuple[IncidenceBin, ...]:
+    bins, degrees = [], np.degrees(incidence_rad)
+    for low, high in itertools.pairwise(_INCIDENCE_EDGES_DEG):
+        mine = (degrees >= low) & (degrees < high)
+        if int(mine.sum()) >= _FEWEST_IN_BIN:
+            shares = cause[mine].mean(axis=0)
+            bins.append(
+                IncidenceBin(low, high, int(mine.sum()), float(shares[0]), float(shares[2]))
+            )
+    return tuple(bins)
+
+
+def _usable(pairs: Pairs, cause: Floats, bins: tuple[RangeBin, ...]) -> tuple[float, float]:
+    """The stretch of distances around the best one in which at least 40 % are hits."""
+    good = [each.hit >= _USABLE_HITS for each in bins]
+    if not any(good):
+        return math.nan, math.nan
+    best = max(range(len(bins)), key=lambda k: bins[k].hit)
+    first = last = best
+    while first > 0 and good[first - 1]:
+        first -= 1
+    while last < len(bins) - 1 and good[last + 1]:
+        last += 1
+    hits_m = pairs.true_m[cause[:, 0] > 0.5]
+    low_m = float(hits_m.min()) if first == 0 else bins[first].from_m
+    high_m = float(hits_m.max()) if last == len(bins) - 1 else bins[last].to_m
+    return low_m, high_m
+
+
+def check_enough(known: KnownRanges) -> None:
+    """Raises BadInput where a sensor has too few readings to learn anything from."""
+    seen = int(np.isfinite(known.range_m).sum())
+    if seen < FEWEST:
+        raise BadInput(f"{known.sensor.name}: {seen} echoes are too few to learn from ({FEWEST})")

@@ -1,0 +1,106 @@
+"""``learn``: what a sensor is like."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from mapping.cli import config_options
+from recorder.cli import options
+from recorder.cli.progress import progress_bar
+from recorder.names import printable
+
+
+@click.command(epilog="Example:  echogrid learn run.mcap --walls room -o sensors.toml")
+@click.argument("sessions", nargs=-1, required=True, type=options.INPUT)
+@click.option(
+    "--walls", metavar="ROOM",
+    help="True walls: a room's name or a GeoJSON file. Default: those that the sessions carry.",
+)  # fmt: skip
+@click.option(
+    "--trust", metavar="SENSOR", help="Without walls: this sensor's map is taken as true."
+)
+@click.option(
+    "--distance", "distances", metavar="M,M,...",
+    help="The robot stood so far from a wall, by tape measure: one distance a session, in order.",
+)  # fmt: skip
+@click.option("--sensor", "only", multiple=True, help="Only this sensor; repeatable.")
+@config_options
+@click.option(
+    "-o", "--output", type=options.FILE, help="The sensor file for `map --config`: .toml."
+)
+@click.option("--page", type=options.FILE, help="The verdict with plots: a .html.")
+@click.option("--csv", "csv_file", type=options.FILE, help="Every reading and its truth: a .csv.")
+@click.option("--json", "as_json", is_flag=True, help="Print the figures as JSON, for programs.")
+@options.force
+@options.quiet
+def learn(
+    sessions: tuple[Path, ...], walls: str | None, trust: str | None, distances: str | None,
+    only: tuple[str, ...], configs: tuple[Path, ...], settings: tuple[str, ...],
+    preset: str | None, output: Path | None, page: Path | None, csv_file: Path | None,
+    as_json: bool, force: bool, quiet: bool,
+) -> int:  # fmt: skip
+    """Learn what the sensors of a SESSION are like: how far off, how wide, how often wrong.
+
+    Against true walls, a tape measure, a sensor that is trusted, or its own map. docs/learn.md
+    explains the figures.
+    """
+    import json
+
+    from mapping.config import load_config
+    from replay.learning import text
+    from replay.learning.page import page as page_of
+    from replay.learning.run import learn as run
+    from replay.tables import text_table
+
+    _check(sessions, {".toml": output, ".html": page, ".csv": csv_file}, force=force)
+    config = load_config(configs, settings, preset)
+    with progress_bar(f"learning from {sessions[0].name}", quiet=quiet):
+        learned = run(
+            sessions, config, walls=walls, trust=trust, distances_m=_distances(distances),
+            only=only,
+        )  # fmt: skip
+    names = [path.name for path in sessions]
+    if as_json:
+        click.echo(json.dumps(text.as_json(learned), indent=1, allow_nan=False))
+    elif not quiet:
+        for each in learned:
+            lines = [*text_table(text.table(each)), *text.verdict(each), ""]
+            click.echo("\n".join(printable(line, most=400) for line in lines))
+    _write(output, text.sensor_file(learned, names))
+    _write(page, page_of(learned, names))
+    _write(csv_file, text.csv(learned))
+    if not quiet and not as_json:
+        for path in (output, page, csv_file):
+            if path is not None:
+                click.echo(f"wrote {path}")
+    return 0
+
+
+def _distances(text: str | None) -> list[float]:
+    from recorder.errors import BadInput
+
+    try:
+        return [] if text is None else [float(part) for part in text.split(",")]
+    except ValueError:
+        raise BadInput(f"--distance {text}: write metres with commas, as 0.30,0.60") from None
+
+
+def _check(inputs: tuple[Path, ...], outputs: dict[str, Path | None], *, force: bool) -> None:
+    from recorder.errors import BadInput
+    from recorder.outputs import check_output
+
+    for suffix, output in outputs.items():
+        if output is not None and output.suffix.lower() != suffix:
+            raise BadInput(f"{output}: its name must end in {suffix}")
+        if output is not None:
+            check_output(output, inputs, force=force)
+
+
+def _write(path: Path | None, content: str) -> None:
+    from recorder.outputs import written_beside
+
+    if path is not None:
+        with written_beside(path) as part:
+            part.write_text(content, encoding="utf-8")

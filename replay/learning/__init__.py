@@ -1,0 +1,1 @@
+"""What was learned of sensors: the sensor file, the verdict as a page, the figures as CSV."""
