@@ -9,6 +9,7 @@ from __future__ import annotations
 from recorder import startup  # noqa: F401 - first: it heeds Ctrl-C while the rest is imported
 
 # isort: split
+import gc
 import io
 import os
 import sys
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from mapping import cli as mapping_cli
+from mapping.kernels.first_run import compiling_reported
 from recorder import cli as recorder_cli
 from recorder.inputs import remembered_inputs
 from recorder.interrupts import STOPPED, code_of, heeded
@@ -45,6 +47,31 @@ class _Commands(click.Group):
         """As click does."""
         with _passed_by_click():
             return super().invoke(ctx)
+
+
+class _FirstRun:
+    """One line when loops have to be compiled: nobody should wait without knowing for what."""
+
+    def __init__(self, argv: Sequence[str] | None) -> None:
+        self._silent = "--quiet" in (sys.argv if argv is None else argv)
+
+    def __call__(self, name: str) -> None:
+        """The first of them."""
+        if not self._silent:
+            self._silent = True
+            click.echo(f"echogrid: compiling {name} and what else it needs, some seconds: "
+                       "only the first run on a machine does", err=True)  # fmt: skip
+
+
+@contextmanager
+def _rarely_collected() -> Iterator[None]:
+    """What is imported stays: to look through it for garbage is a sixth of the start."""
+    before = gc.get_threshold()
+    gc.set_threshold(50_000, *before[1:])
+    try:
+        yield
+    finally:
+        gc.set_threshold(*before)
 
 
 class _Ended(BaseException):
@@ -94,7 +121,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     130: stopped by Ctrl-C, 143 by SIGTERM.
     """
     try:
-        with heeded(), remembered_inputs(), _passed_by_click():
+        with (
+            heeded(), remembered_inputs(), _rarely_collected(),
+            compiling_reported(_FirstRun(argv)), _passed_by_click(),
+        ):  # fmt: skip
             return _run(argv)
     except (_Ended, click.Abort) as error:
         click.echo("echogrid: stopped", err=True)

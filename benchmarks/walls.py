@@ -81,12 +81,15 @@ class Figures:
         )
 
 
-def run_of(name: str, messages: Iterable[Message], walls_m: Floats | None) -> Run:
-    """Map a session with the default configuration."""
+def run_of(
+    name: str, messages: Iterable[Message], walls_m: Floats | None, refit: str = "points"
+) -> Run:
+    """Map a session with the default configuration, but for ``segments.refit``."""
+    config = MappingConfig.model_validate({"segments": {"refit": refit}})
     layers: dict[str, Layer] = {}
     segments: list[Segment] = []
     points: dict[str, Floats] = {}
-    for artifact in build_maps(messages, MappingConfig()):
+    for artifact in build_maps(messages, config):
         match artifact:
             case Snapshot(final=True):
                 layers[artifact.layer.name] = artifact.layer
@@ -99,16 +102,17 @@ def run_of(name: str, messages: Iterable[Message], walls_m: Floats | None) -> Ru
     return Run(name, walls_m, layers, tuple(segments), points)
 
 
-def room_run(name: str, *, seed: int, duration_s: float = DURATION_S) -> Run:
+def room_run(name: str, *, seed: int, duration_s: float = DURATION_S, refit: str = "points") -> Run:
     """A simulated robot's drive through a built-in room."""
     room = ROOMS[name]
     messages = [message for _, message in simulate(room, duration_s=duration_s, seed=seed)]
-    return run_of(name, messages, room.walls_m)
+    return run_of(name, messages, room.walls_m, refit)
 
 
-def trace_run(trace: Path) -> Run:
+def trace_run(trace: Path, *, refit: str = "points") -> Run:
     """A real robot's trace."""
-    return run_of(trace.stem, [message for _, message in import_comp4807(trace).records], None)
+    messages = [message for _, message in import_comp4807(trace).records]
+    return run_of(trace.stem, messages, None, refit)
 
 
 def figures(run: Run, layer: str, source: str) -> Figures:

@@ -1,7 +1,9 @@
-"""Draw the pictures of ``docs/lines.md`` again: ``python -m docs.make_line_pictures``.
+"""Draw the pictures of ``docs/lines.md`` again: ``python -m docs.make_line_pictures [NAME ...]``.
 
-The walls of two simulated rooms, of a real trace where it is at hand, and three thresholds side by
-side as the viewer shows them. The last needs a Vulkan driver, as ``make_screenshot.py`` does.
+The walls of two simulated rooms, of a real trace where it is at hand, lines before and after they
+move to the raw points, and three thresholds side by side as the viewer shows them. NAME is one of
+rooms, trace, refit, thresholds; all of them by default. The last needs a Vulkan driver, as
+``make_screenshot.py`` does.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from benchmarks.walls import ROOM_NAMES, SENSOR, TRACE, Run, figures, room_run, trace_run
 from mapping.artifacts import Segment
+from mapping.fusion import FUSED
 from recorder.errors import EchogridError
 from replay.rrd.blueprints import THRESHOLDS
 from replay.rrd.headless import HeadlessViewer
@@ -28,6 +31,7 @@ from replay.rrd.reader import read_rrd
 IMAGES = Path(__file__).resolve().parent / "images"
 PANEL_PX, CAPTION_PX, GAP_PX = 620, 30, 14
 WALL, LINE, END, POINT = (46, 160, 67), (230, 0, 160), (90, 0, 140), (0, 114, 190)
+REFIT_ROOMS, REFITS = ("cluttered", "corridor"), ("none", "points")
 GREETING_S = 8.0  # the viewer covers a corner with a message at first
 MENU_PX, TABS_SHARE = 36, 0.7
 
@@ -58,9 +62,9 @@ class Frame:
         return float(x), self.size_px[1] - float(y)
 
 
-def panel(run: Run, source: str, frame: Frame) -> Image.Image:
-    """The infrared map with the lines from the grid, or with the raw points and theirs."""
-    picture = _grid_picture(run, frame)
+def panel(run: Run, source: str, frame: Frame, layer: str = SENSOR, note: str = "") -> Image.Image:
+    """A map with the lines from the grid, or with the raw points and theirs."""
+    picture = _grid_picture(run, frame, layer)
     draw = ImageDraw.Draw(picture)
     if source == "raw":
         for place in run.points_m[SENSOR]:
@@ -68,17 +72,16 @@ def panel(run: Run, source: str, frame: Frame) -> Image.Image:
             draw.ellipse((x - 1, y - 1, x + 1, y + 1), fill=POINT)
     for start, end in run.walls_m if run.walls_m is not None else ():
         draw.line([frame.pixel(start), frame.pixel(end)], fill=WALL, width=7)
-    found = run.lines(SENSOR, source)
-    for line in found:
+    for line in run.lines(layer, source):
         _draw_line(draw, line, frame)
-    quality = figures(run, SENSOR, source)
-    origin = "raw points" if source == "raw" else "grid"
+    quality = figures(run, layer, source)
+    origin = note or ("raw points" if source == "raw" else "grid")
     caption = f"{run.name}, {origin}: {quality.lines} lines, {quality.metres:.1f} m"
     return _with_caption(picture, caption)
 
 
-def _grid_picture(run: Run, frame: Frame) -> Image.Image:
-    layer = run.layers[SENSOR]
+def _grid_picture(run: Run, frame: Frame, name: str) -> Image.Image:
+    layer = run.layers[name]
     cells = layer.geometry.cells_of(np.array([frame.low_m, frame.high_m]))
     low, high = np.maximum(cells[0], 0), np.minimum(cells[1], layer.probability.shape)
     part = layer.probability[low[0] : high[0], low[1] : high[1]][::-1]
@@ -109,6 +112,27 @@ def frame_of(run: Run) -> Frame:
 def walls_picture(runs: Sequence[Run], target: Path) -> None:
     """A row for each run: the lines from its grid, and those from its raw points."""
     rows = [[panel(run, source, frame_of(run)) for source in ("grid", "raw")] for run in runs]
+    _rows_picture(rows, target)
+
+
+def refit_picture(target: Path) -> None:
+    """Rooms and the trace: fused lines as the grid has them, and where the raw points are."""
+    rows = []
+    for name in REFIT_ROOMS:
+        runs = [room_run(name, seed=1, refit=refit) for refit in REFITS]
+        rows.append(
+            [_fused(run, f"refit {refit}") for run, refit in zip(runs, REFITS, strict=True)]
+        )
+    if TRACE.is_file():
+        rows.append([_fused(trace_run(TRACE, refit=refit), f"refit {refit}") for refit in REFITS])
+    _rows_picture(rows, target)
+
+
+def _fused(run: Run, note: str) -> Image.Image:
+    return panel(run, "grid", frame_of(run), FUSED, note)
+
+
+def _rows_picture(rows: Sequence[Sequence[Image.Image]], target: Path) -> None:
     width = max(sum(p.width + GAP_PX for p in row) for row in rows) - GAP_PX
     height = sum(max(p.height for p in row) + GAP_PX for row in rows) - GAP_PX
     whole = Image.new("RGB", (width, height), "white")
@@ -147,16 +171,21 @@ def _save(picture: Image.Image, target: Path) -> None:
     print(f"{target.name}: {target.stat().st_size} bytes")
 
 
-def main() -> None:
-    """All pictures into docs/images."""
-    walls_picture([room_run(name, seed=1) for name in ROOM_NAMES], IMAGES / "walls-rooms.png")
-    if TRACE.is_file():
+def main(names: Sequence[str]) -> None:
+    """The pictures of those names into docs/images, by default all."""
+    wanted = set(names) or {"rooms", "trace", "refit", "thresholds"}
+    if "rooms" in wanted:
+        walls_picture([room_run(name, seed=1) for name in ROOM_NAMES], IMAGES / "walls-rooms.png")
+    if "trace" in wanted and TRACE.is_file():
         walls_picture([trace_run(TRACE)], IMAGES / "walls-trace21.png")
-    thresholds_picture(IMAGES / "thresholds.png")
+    if "refit" in wanted:
+        refit_picture(IMAGES / "walls-refit.png")
+    if "thresholds" in wanted:
+        thresholds_picture(IMAGES / "thresholds.png")
 
 
 if __name__ == "__main__":
     try:
-        main()
+        main(sys.argv[1:])
     except EchogridError as error:
         raise SystemExit(str(error)) from None

@@ -159,9 +159,10 @@ class TracerStep:
 class LineStage:
     """Something done on the way to a layer's lines: one thing, or all of its kind together.
 
-    ``kind`` is ``split``, ``merge``, ``fit`` or ``corner``. ``pieces_m`` (K, 2, 2) are the pieces
-    that it was done to, as two ends; ``places_m`` (M, 2) where: cuts, joints, crossings; ``sizes``
-    (K,) what decided: metres from the chord, cost over what is allowed, rms in metres.
+    ``kind`` is ``split``, ``merge``, ``fit``, ``corner``, ``move`` or ``drop``. ``pieces_m``
+    (K, 2, 2) are the pieces that it was done to, as two ends; ``places_m`` (M, 2) where: cuts,
+    joints, crossings; ``sizes`` (K,) what decided: metres from the chord, cost over what is
+    allowed, rms in metres, metres that a line moved.
     """
 
     layer: str

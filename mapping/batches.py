@@ -18,6 +18,7 @@ from mapping.parameters import Sensor
 from mapping.readings import Readings
 from mapping.sensor_model import SENSOR_MODELS, regions_table
 from mapping.sensor_model.models import Fading, Peak, Regions
+from mapping.update_rules.pooled import LIMITS
 from mapping.update_rules.rules import (
     HIMM_HIT,
     HIMM_MISS,
@@ -28,6 +29,8 @@ from mapping.update_rules.rules import (
     DempsterShafer,
     Himm,
     Odds,
+    Pooled,
+    Saturating,
     Sum,
     UpdateRule,
 )
@@ -59,6 +62,10 @@ def adder_of(rule: UpdateRule, sensors: Sequence[Sensor], number: int) -> str:
         return ""
     if type(rule) in (Bayes, Odds):
         return "fading" if model is Fading else "regions"
+    if type(rule) is Saturating:
+        return "sums" if model is Fading else "cells"
+    if type(rule) is Pooled:
+        return "sums"
     kernels = {Binary: "bands", Count: "bands", Sum: "cells", DempsterShafer: "cells", Himm: "axes"}
     return kernels.get(type(rule), "")
 
@@ -70,7 +77,7 @@ def adders(rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> 
         found.setdefault(adder_of(rule, sensors, number), []).append(number)
     kinds: dict[str, type[_Kernel]] = {
         "fading": _FadingReadings, "regions": _RegionReadings, "bands": _Bands, "cells": _Cells,
-        "axes": _Axes,
+        "axes": _Axes, "sums": _Sums,
     }  # fmt: skip
     made: dict[str, Adder] = {
         name: kinds[name](rule, sensors, some) for name, some in found.items() if name
@@ -138,7 +145,7 @@ def _fading_row(sensor: Sensor) -> tuple[float, ...]:
 
 class _FadingReadings(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch.fading import add_fading
+        from mapping.kernels.loops import add_fading
 
         table = np.array([_fading_row(sensor) for sensor in self.sensors])
         in_parts(add_fading, *target, self.columns(readings, rows), table, threads=threads)
@@ -159,7 +166,7 @@ class _RegionReadings(_Kernel):
         self._tables = tables_of(known)
 
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch.regions import add_regions
+        from mapping.kernels.loops import add_regions
 
         columns = self.columns(readings, rows)
         in_parts(add_regions, *target, columns, *self._tables, threads=threads)
@@ -167,13 +174,13 @@ class _RegionReadings(_Kernel):
 
 class _Bands(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch import counts
+        from mapping.kernels.batch.readings import BINARY, COUNT
 
-        what = counts.COUNT if isinstance(self.rule, Count) else counts.BINARY
+        what = COUNT if isinstance(self.rule, Count) else BINARY
         self._mark(target, self.columns(readings, rows), what, threads)
 
     def _mark(self, target: Target, columns: Columns, what: int, threads: int) -> None:
-        from mapping.kernels.batch.counts import add_bands
+        from mapping.kernels.loops import add_bands
 
         table = np.column_stack([self._half_rad, self.has_front_evidence])
         array = target.array[0]
@@ -184,11 +191,12 @@ class _Bands(_Kernel):
 
 class _Axes(_Bands):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch import axis, counts
+        from mapping.kernels.batch.readings import NOTHING
+        from mapping.kernels.loops import add_axes
 
         columns = self.columns(readings, rows)
-        self._mark(target, columns, counts.NOTHING, threads)
-        axis.add_axes(
+        self._mark(target, columns, NOTHING, threads)
+        add_axes(
             target.array[0], target.observed, target.place, columns, self._half_rad,
             HIMM_HIT, HIMM_MISS, HIMM_MOST,
         )  # fmt: skip
@@ -196,7 +204,8 @@ class _Axes(_Bands):
 
 class _Cells(_Kernel):
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch import cell_tables, cellwise
+        from mapping.kernels.batch import cell_tables
+        from mapping.kernels.loops import add_cellwise
 
         tables = cell_tables.tables_of(
             [
@@ -207,9 +216,28 @@ class _Cells(_Kernel):
                 for s in self.sensors
             ]
         )  # fmt: skip
-        what = cellwise.SUM if isinstance(self.rule, Sum) else cellwise.MASSES
+        rules = {Sum: cell_tables.SUM, Saturating: cell_tables.EVIDENCE}
+        what = rules.get(type(self.rule), cell_tables.MASSES)
         columns = self.columns(readings, rows)
-        in_parts(cellwise.add_cellwise, *target, columns, *tables, what, threads=threads)
+        in_parts(add_cellwise, *target, columns, *tables, what, threads=threads)
+
+
+class _Sums(_Kernel):
+    def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
+        from mapping.kernels.batch.cell_tables import POOLED, SATURATING
+        from mapping.kernels.loops import add_sums
+
+        rule, columns, free = self.rule, self.columns(readings, rows), self.has_front_evidence
+        fades_m = [rule.learned.fade_m if isinstance(rule, Pooled) else s.fade_m
+                   for s in self.sensors]  # fmt: skip
+        table = np.array([
+            (half, fade_m, with_free, s.hit, s.miss, s.near)
+            for s, half, fade_m, with_free in zip(
+                self.sensors, self._half_rad, fades_m, free, strict=True
+            )
+        ])  # fmt: skip
+        what = POOLED if isinstance(rule, Pooled) else SATURATING
+        in_parts(add_sums, *target, columns, table, np.array(LIMITS), what, threads=threads)
 
 
 class _FadingScans:
@@ -220,8 +248,8 @@ class _FadingScans:
         self._axes: dict[bytes, ScanAxes] = {}
 
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
-        from mapping.kernels.batch.lidar import add_scans
         from mapping.kernels.batch.readings import Scans, ends_of
+        from mapping.kernels.loops import add_scans
 
         sensor, start = self.sensor, readings.world_from_sensor
         before, behind = SENSOR_MODELS[sensor.model].band(sensor)

@@ -67,7 +67,7 @@ def trace_borders(occupied: NDArray[np.bool_], *, tracer: Tracer = "closed") -> 
 
     Each starts at the first of its cells that the scan meets with a free cell to the west.
     """
-    from mapping.line_kernels.tracing import chapter_borders, closed_borders
+    from mapping.kernels.loops import chapter_borders, closed_borders
 
     kernel = closed_borders if tracer == "closed" else chapter_borders
     grid = np.ascontiguousarray(occupied, np.bool_)

@@ -46,6 +46,7 @@ CHAPTER_PRESET: dict[str, Any] = {
     "sensors": {"*": {"model": "regions", "regions": 12, "gaussian": "both",
                       "emptiness": "combined", "update": "bayes", "rasteriser": "cells"}},
     "fusion": {"rule": "weights", "weights": "angular"},
+    "segments": {"refit": "none"},
 }  # fmt: skip
 PRESETS = {"chapter": CHAPTER_PRESET}
 
@@ -95,7 +96,9 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     asked.pop("topic", None)
     _check_names(reported.name, asked.get("layer"))
     kind = str(asked.pop("kind", None) or kind_of(reported.name, reported.radiation).name)
-    base = sensor_defaults(CATALOGUE.get(kind) or kind_of_radiation(reported.radiation))
+    entry = CATALOGUE.get(kind) or kind_of_radiation(reported.radiation)
+    base = sensor_defaults(entry)
+    rule = choose(UPDATE_RULES, asked.get("update", base["update"]), "update rule")
     own = {
         "beam_width_deg": math.degrees(reported.beam_width_rad),
         "min_range_m": reported.min_range_m,
@@ -104,12 +107,12 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     reported_values = {k: v for k, v in own.items() if _LEAST <= v <= _MOST}
     if reported_values.get("beam_width_deg", 0.0) > 360.0:
         del reported_values["beam_width_deg"]
-    values = {**parameter_defaults(), **base, **reported_values, **asked}
+    values = {**parameter_defaults(), **base, **rule.usual(entry), **reported_values, **asked}
     mount = asked.get("mount", None if mounted else base["mount"])
     values.pop("mount")
     width_deg = values.pop("beam_width_deg")
     _check(reported.name, choose(SENSOR_MODELS, values["model"], "sensor model"), values)
-    _check(reported.name, choose(UPDATE_RULES, values["update"], "update rule"), values)
+    _check(reported.name, rule, values)
     return Sensor(
         name=reported.name,
         kind=kind,

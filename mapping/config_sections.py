@@ -187,6 +187,11 @@ class SegmentsSection(Section):
         description="follow the border of a wall, or the centre line of its band; auto: ridge "
         "for lidars, borders for others",
     )
+    refit: Literal["points", "none"] = Field(
+        "points",
+        description="grids: each line moves to the raw points that it explains, or stays; lines of "
+        "lasers alone, and those by y-on-x, stay",
+    )
     method: str = Field("split-and-merge", description="how points become lines")
     epsilon_m: Positive = Field(0.06, description="farthest point from a chord before it is split")
     fit: Literal["total", "y-on-x"] = Field(
@@ -220,6 +225,11 @@ class SegmentsSection(Section):
     min_points: int = Field(5, ge=2, le=MOST, description="fewer points make no line")
     min_length_m: NonNegative = Field(0.2, description="shorter lines are left out")
     seed: int = Field(0, ge=0, lt=1 << 32, description="of the methods that draw at random")
+
+    @property
+    def refits(self) -> bool:
+        """Whether lines of grids move to the raw points: total least squares, as those are."""
+        return self.refit == "points" and self.fit == "total"
 
     @property
     def largest_rms_m(self) -> float:
@@ -267,6 +277,9 @@ class ExportSection(Section):
         0.25, description="map_server maps: free where the probability is below it"
     )
     png_bits: Literal[8, 16] = Field(8, description="depth of the grey in LAYER.png")
+    pictures: bool = Field(
+        False, description="also LAYER.picture.png, with walls, path, axes and scale: a second more"
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> ExportSection:

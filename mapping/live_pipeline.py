@@ -8,7 +8,7 @@ maps are at each moment those that a finished session would have given.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice
 
@@ -111,14 +111,17 @@ class _LiveRun:
         if not self._readings:
             why = ", ".join(f"{n} {reason}" for reason, n in self.placer.dropped.items())
             raise BadInput(f"not one reading can be mapped: {why or 'there were none'}")
-        yield from self._results(final=True)
-        yield from raw_lines(self._readings, self._config)
+        raw = list(raw_lines(self._readings, self._config))
+        yield from self._results(final=True, raw=raw)
+        yield from raw
         yield Finished(self.placer.readings, dict(self.placer.used), self.placer.dropped)
 
-    def _results(self, *, final: bool) -> Iterator[Artifact]:
+    def _results(self, *, final: bool, raw: Sequence[Artifact] = ()) -> Iterator[Artifact]:
         grids = self._grids
         assert grids is not None
-        yield from result_stages(grids.sensors, grids.maps, grids.trail, self._config, final=final)
+        yield from result_stages(
+            grids.sensors, grids.maps, grids.trail, self._config, final=final, raw=raw
+        )
 
     def _holds(self, grids: _Grids, readings: Readings) -> bool:
         """Whether the grid holds the readings, and the maps know the sensors of each of them."""

@@ -5,13 +5,13 @@ A generator of artifacts: whoever shows, exports or compares takes what it yield
 
 from __future__ import annotations
 
-import math
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.artifacts import Artifact, Finished, RawPoints, Snapshot, Started
+from mapping.artifacts import Artifact, Finished, RawPoints, Segment, Snapshot, Started
 from mapping.borders import find_borders, threshold_layer, tracer_steps
 from mapping.config import MappingConfig
 from mapping.fusion import FUSED, classify, fuse
@@ -21,11 +21,14 @@ from mapping.parameters import Sensor
 from mapping.placed_session import Counts, HasBlocks, PlacedSession, place_session
 from mapping.readings import Readings, raw_points
 from mapping.segments import (
+    NARROW_RAD,
+    SightingLog,
     Stage,
     line_stages,
     of_lidar_only,
     reachable_cells,
     scans_of,
+    segments_at_walls,
     segments_from_grid,
     segments_of_ranger,
     segments_of_scans,
@@ -35,7 +38,6 @@ from recorder.messages import Message, Record
 
 MARGIN_M = 0.2
 MANY = 20_000  # readings merged at once
-NARROW_RAD = math.radians(10.0)  # what such a beam goes through is free
 
 
 def build_maps(
@@ -67,8 +69,9 @@ def build_maps(
         end = readings.first_number + len(readings)
         if every and end % every == 0 and end < total:
             yield from result_stages(sensors, maps, trail, config, final=False)
-    yield from result_stages(sensors, maps, trail, config, final=True)
-    yield from raw_lines(placed, config)
+    raw = list(raw_lines(placed, config))
+    yield from result_stages(sensors, maps, trail, config, final=True, raw=raw)
+    yield from raw
     counts = placed.counts
     yield Finished(counts.readings, counts.used, counts.dropped, placed.notes)
 
@@ -159,14 +162,16 @@ def started_run(
 
 
 class Trail:
-    """Where the robot was, as the cells of a grid."""
+    """Where the robot was, as the cells of a grid, and what its sensors met."""
 
     def __init__(self, geometry: GridGeometry) -> None:
         self._geometry = geometry
         self._cells = np.zeros(geometry.shape, np.bool_)
+        self.sightings = SightingLog()
 
     def take(self, readings: Readings) -> None:
-        """Note where the robot was at some readings."""
+        """Note where the robot was at some readings, and what they met."""
+        self.sightings.take(readings)
         base = readings.world_from_base
         cells = self._geometry.cells_of(np.column_stack([base.x_m, base.y_m]))
         cells = cells[self._geometry.contains(cells)]
@@ -185,8 +190,12 @@ def result_stages(
     config: MappingConfig,
     *,
     final: bool,
+    raw: Sequence[Artifact] = (),
 ) -> Iterator[Artifact]:
-    """Fusion, thresholds, borders and lines of the maps as they are now."""
+    """Fusion, thresholds, borders and lines of the maps as they are now.
+
+    ``raw`` holds the lines from raw points, where they are known already.
+    """
     layers = [each.layer() for each in maps.values()]
     rules = {name: each.state.rule.name for name, each in maps.items()}
     if len(layers) > 1:
@@ -196,16 +205,27 @@ def result_stages(
         yield Snapshot(layer, rules.get(layer.name, config.fusion.rule), final)
     for layer in layers:
         lidar = of_lidar_only(layer.name, sensors)
-        yield from _vector_stages(layer, trail.positions_m, config, final=final, lidar=lidar)
+        narrow = narrow_lines(raw, layer.name, sensors)
+        yield from _vector_stages(layer, trail, config, final=final, lidar=lidar, raw=narrow)
+
+
+def narrow_lines(raw: Sequence[Artifact], layer: str, sensors: Sequence[Sensor]) -> list[Segment]:
+    """The raw lines of the narrow sensors of a layer; the fused one has all of them."""
+    mine = {
+        sensor.name for sensor in sensors
+        if layer in (sensor.layer, FUSED) and sensor.beam_width_rad <= NARROW_RAD
+    }  # fmt: skip
+    return [each for each in raw if isinstance(each, Segment) and each.layer in mine]
 
 
 def _vector_stages(
     layer: Layer,
-    positions_m: NDArray[np.float64],
+    trail: Trail,
     config: MappingConfig,
     *,
     final: bool,
     lidar: bool,
+    raw: Sequence[Segment],
 ) -> Iterator[Artifact]:
     thresholded = threshold_layer(layer, config.borders.threshold)
     yield thresholded
@@ -214,10 +234,16 @@ def _vector_stages(
     if final:
         yield from tracer_steps(thresholded, borders, config.rerun.tracer_steps)
     stages: list[Stage] = []
+    observe = stages.append if final else None
     lines = segments_from_grid(
         thresholded, borders, config.segments, lidar=lidar, observed=layer.observed,
-        reachable=reachable_cells(layer, positions_m), observe=stages.append if final else None,
+        reachable=reachable_cells(layer, trail.positions_m), observe=observe,
     )  # fmt: skip
+    if config.segments.refits and not lidar:
+        sightings = trail.sightings.of_layer(layer.name)
+        lines = segments_at_walls(
+            lines, raw, sightings, config.segments, layer=layer.name, observe=observe
+        )
     yield from _stages_shown(stages, layer.name, "grid", config)
     yield from lines
 
@@ -231,11 +257,26 @@ def _stages_shown(
         yield from line_stages(stages, layer=layer, source=source, each=how == "each")
 
 
+def readings_of_each(placed: Iterable[Readings]) -> Counter[str]:
+    """How many readings each sensor has."""
+    if isinstance(placed, PlacedSession):
+        return Counter(placed.counts.used)
+    used: Counter[str] = Counter()
+    for readings in placed:
+        counts = np.bincount(readings.sensor, minlength=len(readings.sensors)).tolist()
+        used.update({s.name: n for s, n in zip(readings.sensors, counts, strict=True)})
+    return used
+
+
 def raw_lines(placed: Iterable[Readings], config: MappingConfig) -> Iterator[Artifact]:
-    """The obstacle points of each sensor, and the lines fitted straight to them."""
-    for sensor, points, t_ns, from_m in raw_points(placed):
+    """The obstacle points of each sensor, and the lines fitted straight to them.
+
+    Of a long session some, so that the memory and the time that they take are bounded.
+    """
+    used = readings_of_each(placed)
+    for sensor, points, t_ns, from_m in raw_points(placed, used):
         yield RawPoints(sensor.name, points, t_ns)
-        scans = scans_of(placed, sensor.name)
+        scans = scans_of(placed, sensor.name, used[sensor.name])
         if scans:
             yield from segments_of_scans(scans, config.segments, layer=sensor.name)
         elif len(points) >= config.segments.min_points:

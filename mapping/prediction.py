@@ -43,7 +43,7 @@ class RangePredictor:
         geometry = self._geometry
         if geometry is None or beam.layer not in self._occupied:
             return np.full(len(beam.ranges_m), np.inf)
-        from mapping.kernels.casting import nearest_in_cone, nearest_on_rays
+        from mapping.kernels.loops import nearest_in_cone, nearest_on_rays
 
         occupied, resolution = self._occupied[beam.layer], geometry.resolution_m
         x = (beam.world_from_sensor.x_m - geometry.origin_m[0]) / resolution

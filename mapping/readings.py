@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,8 @@ from mapping.config import Sensor
 from mapping.tracks import Motions
 from recorder.columns import Floats, Ints
 
+# Lines need no more points of a sensor, nor would more of them be looked at in bounded time.
+MOST_RAW, STRETCH = 50_000, 1000
 _NEAR_M = 1e-6  # far more than rounding can move the corner of a box, far less than a cell
 
 
@@ -178,13 +181,16 @@ class Readings:
 
 
 def raw_points(
-    placed: Iterable[Readings],
+    placed: Iterable[Readings], used: Mapping[str, int] | None = None
 ) -> list[tuple[Sensor, Floats, Ints, Floats]]:
     """Of each sensor that was used: its obstacle points (M, 2), their times, where it stood then.
 
-    In the order of the sensors' first readings; metres, map frame.
+    In the order of the sensors' first readings; metres, map frame. ``used``, how many readings each
+    sensor has, bounds what is kept: of a sensor with more than ``MOST_RAW`` only those of stretches
+    of ``STRETCH`` readings, spread evenly over the session.
     """
     found: dict[str, tuple[Sensor, list[tuple[Floats, Ints, Floats]]]] = {}
+    before: Counter[str] = Counter()
     for readings in placed:
         points_m, row = readings.points_m()
         start, of = readings.world_from_sensor, readings.sensor[row]
@@ -193,6 +199,11 @@ def raw_points(
         for number in numbers[np.argsort(first)].tolist():
             mine, sensor = of == number, readings.sensors[number]
             _, parts = found.setdefault(sensor.name, (sensor, []))
+            if used is not None and used[sensor.name] > MOST_RAW:
+                own = readings.sensor == number
+                place = np.cumsum(own) - 1 + before[sensor.name]
+                before[sensor.name] += int(own.sum())
+                mine &= chosen_stretches(place, used[sensor.name])[row]
             parts.append((points_m[mine], readings.t_ns[row][mine], from_m[mine]))
     joined = []
     for sensor, parts in found.values():
@@ -200,6 +211,13 @@ def raw_points(
         points_m.flags.writeable = t_ns.flags.writeable = False
         joined.append((sensor, points_m, t_ns, from_m))
     return joined
+
+
+def chosen_stretches(place: Ints, total: int) -> NDArray[np.bool_]:
+    """Which readings, by their places (N,) among ``total``, are of the stretches that are kept."""
+    kept, stretches, at = MOST_RAW // STRETCH, -(-total // STRETCH), place // STRETCH
+    chosen: NDArray[np.bool_] = at * kept // stretches != (at + 1) * kept // stretches
+    return chosen
 
 
 def _crosses(low_rad: Floats, high_rad: Floats, direction_rad: float) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, beams_of, in_step
 from replay.exports import Exporter, exporter_for
 from replay.mapping_run import RunResult, result_of, with_progress
-from replay.trajectory import poses_of
+from replay.trajectory import TrackPoses
 
 if TYPE_CHECKING:
     from replay.rrd.writer import RrdWriter
@@ -76,7 +76,8 @@ def compare_session(
                 collectors[name](artifact)
             distances.take(moment)
     for variant in variants if exporters else ():
-        exporters[variant.name].close(poses_of(place_session(session.records, variant.config)))
+        placed = place_session(session.records, variant.config)
+        exporters[variant.name].close(TrackPoses(placed), placed)
     left_out = "" if writer is None else writer.left_out
     results = {
         name: result_of(collector, session.damage, left_out, notes=session.notes)

@@ -10,9 +10,10 @@ from __future__ import annotations
 import io
 import json
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 import yaml
@@ -24,6 +25,7 @@ from mapping.config import MappingConfig
 from mapping.config_sections import ExportSection
 from mapping.config_text import commented_toml
 from mapping.grid import Layer
+from mapping.readings import Readings, raw_points
 from mapping.update_rules import rule_of, unit_gives_start
 from recorder.errors import BadInput, OutputExists
 from recorder.messages import Pose
@@ -35,10 +37,11 @@ from replay.json_values import json_value
 from replay.pictures.layer_picture import layer_picture
 from replay.pictures.map_svg import map_svg
 from replay.pictures.parts import Floats
-from replay.trajectory import tum_text
+from replay.trajectory import tum_lines
 from replay.vector_files import segments_geojson, vector_dxf
 
 _UNKNOWN = 0.5  # its grey lies between the two thresholds, whatever these are set to
+_MOST_OF_PATH = 20_000  # poses in a drawing: all of a robot that drove for some hours
 _DEFAULTS = ExportSection()
 
 
@@ -68,18 +71,25 @@ class Exporter:
             _check_name(artifact.layer.name)
         self._results(artifact)
 
-    def close(self, poses: Sequence[Pose] = ()) -> None:
+    def close(self, poses: Sequence[Pose] = (), placed: Iterable[Readings] | None = None) -> None:
         """Write every file. ``poses``: where the robot was.
 
-        Raises BadInput when the directory cannot be written.
+        Of a long session the artifacts hold but some of the raw points; ``placed``, its readings,
+        have all of them. Raises BadInput when the directory cannot be written.
         """
         try:
-            where = [(p.world_from_base.x_m, p.world_from_base.y_m) for p in poses]
+            every = max(-(-len(poses) // _MOST_OF_PATH), 1)
+            where = [(p.world_from_base.x_m, p.world_from_base.y_m) for p in poses[::every]]
             path_m = np.array(where, np.float64).reshape(-1, 2)
-            trajectory = "trajectory.tum", tum_text(poses).encode()
-            for name, content in (*self._files(path_m), trajectory):
+            for name, content in self._files(path_m):
                 with written_beside(self._directory / name) as part:
                     part.write_bytes(content)
+            with (
+                written_beside(self._directory / "trajectory.tum") as part,
+                part.open("w", encoding="utf-8", newline="") as file,
+            ):
+                file.writelines(tum_lines(poses))
+            self._write_points(placed)
         except OSError as error:
             reason = error.strerror or error
             raise BadInput(f"cannot write into {self._directory}: {reason}") from error
@@ -103,10 +113,23 @@ class Exporter:
             yield f"{name}.dxf", vector_dxf(on_grid, borders).encode()
             svg = map_svg(on_grid, borders, layer=layer, path_m=path_m)
             yield f"{name}.svg", svg.encode()
-            yield f"{name}.picture.png", layer_picture(layer, snapshot.rule, on_grid, path_m)
-            points = [p for p in results.points if p.layer == name]
-            yield f"{name}.points.csv", points_csv(points).encode()
+            if self._section.pictures:
+                picture = layer_picture(layer, snapshot.rule, on_grid, path_m)
+                yield f"{name}.picture.png", picture
         yield "summary.json", self._summary().encode()
+
+    def _write_points(self, placed: Iterable[Readings] | None) -> None:
+        """All raw points of the sensors that are layers of their own, without holding them all."""
+        with ExitStack() as stack:
+            files: dict[str, TextIO] = {}
+            for name in self._results.snapshots:
+                part = stack.enter_context(written_beside(self._directory / f"{name}.points.csv"))
+                file = stack.enter_context(part.open("w", encoding="utf-8", newline=""))
+                file.write("t_ns,x_m,y_m\n")
+                files[name] = file
+            for points in self._results.points if placed is None else points_of(placed):
+                if points.layer in files:
+                    files[points.layer].writelines(points_lines(points))
 
     def _summary(self) -> str:
         """``readings`` is null when the run ended before it was finished."""
@@ -214,13 +237,17 @@ def borders_json(borders: Sequence[Border]) -> str:
     return json.dumps(content) + "\n"
 
 
-def points_csv(points: Sequence[RawPoints]) -> str:
+def points_lines(points: RawPoints) -> Iterator[str]:
     """One line a point: nanoseconds, then x and y in metres in the map frame, exact to a float."""
-    lines = ["t_ns,x_m,y_m"]
-    for some in points:
-        rows = zip(some.t_ns.tolist(), some.points_m.tolist(), strict=True)
-        lines += [f"{t},{x!r},{y!r}" for t, (x, y) in rows]
-    return "\n".join(lines) + "\n"
+    for t, (x, y) in zip(points.t_ns.tolist(), points.points_m.tolist(), strict=True):
+        yield f"{t},{x!r},{y!r}\n"
+
+
+def points_of(placed: Iterable[Readings]) -> Iterator[RawPoints]:
+    """The raw points of readings, block by block."""
+    for readings in placed:
+        for sensor, points_m, t_ns, _ in raw_points([readings]):
+            yield RawPoints(sensor.name, points_m, t_ns)
 
 
 def versions() -> dict[str, str]:

@@ -23,7 +23,7 @@ from recorder.truth import true_walls
 from replay.collector import Collector
 from replay.exports import exporter_for
 from replay.occupancy_bag import write_bag
-from replay.trajectory import poses_of
+from replay.trajectory import TrackPoses
 
 if TYPE_CHECKING:
     from replay.rrd.writer import RrdWriter
@@ -102,9 +102,9 @@ def map_session(
                 take(artifact)
     if progress is not None:
         progress(total, total)  # those that were dropped came to no beam
-    poses = poses_of(placed) if exporter is not None or bag is not None else []
+    poses = TrackPoses(placed)
     if exporter is not None:
-        exporter.close(poses)
+        exporter.close(poses, placed)
     if bag is not None:
         layers = [snapshot.layer for snapshot in collector.snapshots.values()]
         write_bag(bag, layers, poses, force=force)

@@ -36,14 +36,18 @@ def open_viewer(
     announce: Callable[[str], None] | None = None,
     browser: bool = True,
 ) -> None:
-    """Show a recording.
+    """Show a recording, or all of those in a folder as a table with a picture of each.
 
     In a window of its own, which stays when this program ends; or with ``web`` in a browser, until
     Ctrl-C: ``announce`` is then called with the page's address, and ``browser`` is whether to
-    open it as well. Raises BadInput for a file that is not there or no recording (a session has no
-    map yet), and where there is no display for a window.
+    open it as well. A folder is shown until its window is closed, or Ctrl-C. Raises BadInput for a
+    file that is not there or no recording (a session has no map yet), for a folder without one, and
+    where there is no display for a window.
     """
     path = Path(path)
+    if path.is_dir():
+        _show_folder(path, web, announce, browser)
+        return
     if not _check_recording(path) and announce is not None:
         announce(f"{path} was not ended properly; it is shown as far as it goes")
     if web:
@@ -109,8 +113,6 @@ def _check_recording(path: Path) -> bool:
 
     Raises BadInput, with what to do, for what the viewer could only show as an empty page.
     """
-    if path.is_dir():
-        raise BadInput(f"{path}: a folder, not a recording (.rrd)")
     check_file(path)
     if looks_like_session(path):
         mapped = path.with_suffix(".rrd")
@@ -121,6 +123,45 @@ def _check_recording(path: Path) -> bool:
     from replay.rrd.reader import is_whole
 
     return is_whole(path)
+
+
+def _show_folder(
+    folder: Path, web: bool, announce: Callable[[str], None] | None, browser: bool
+) -> None:
+    if not web and not has_display():
+        raise BadInput(NO_DISPLAY)
+    from replay.rrd.catalogue import Catalogue, runs_in
+
+    runs = runs_in(folder)
+    if announce is not None:
+        for reason in runs.left_out:
+            announce(f"not shown: {reason}")
+    with _ended_by_sigterm(), Catalogue(runs.files) as catalogue:
+        catalogue.lay_out_table(runs.files)
+        with contextlib.suppress(KeyboardInterrupt):
+            if web:
+                _serve_page(catalogue.url, announce, browser)
+            else:
+                _show_window(catalogue.url)
+
+
+def _serve_page(source: str, announce: Callable[[str], None] | None, browser: bool) -> None:
+    from replay.rrd.web import WebViewer
+
+    with WebViewer(source=source) as viewer:
+        _show_page(viewer.url, announce, browser)
+        viewer.wait()
+
+
+def _show_window(source: str) -> None:
+    """A window until it is closed."""
+    from replay.rrd.viewer_process import ViewerProcess
+
+    window = ViewerProcess(lambda ports: ["--port", str(ports[0]), source], 1)
+    try:
+        window.wait()
+    finally:
+        window.stop()
 
 
 def _serve(path: Path, announce: Callable[[str], None] | None, browser: bool) -> None:

@@ -11,7 +11,8 @@ import pytest
 from batch_cases import GRID, PING
 
 from mapping.kernels.batch import axis, cellwise, counts
-from mapping.kernels.batch.cell_tables import CellSensor, tables_of
+from mapping.kernels.batch.cell_tables import MASSES, SUM, CellSensor, tables_of
+from mapping.kernels.batch.readings import BINARY, COUNT, NOTHING
 from mapping.sensor_model import make_temp_grid, regions_table
 from mapping.update_rules import start
 
@@ -81,7 +82,7 @@ def cell_tables():
     )
 
 
-@pytest.mark.parametrize(("rule", "what"), [("count", counts.COUNT), ("binary", counts.BINARY)])
+@pytest.mark.parametrize(("rule", "what"), [("count", COUNT), ("binary", BINARY)])
 @pytest.mark.parametrize("parts", [1, 3])
 def test_counts_are_those_of_one_reading_after_the_other(rule, what, parts):
     beams, which, readings = random_readings(1)
@@ -114,7 +115,7 @@ def test_sums_and_masses_are_those_of_one_reading_after_the_other(rule, parts):
             cases.place(GRID),
             readings,
             *cell_tables(),
-            cellwise.SUM if is_sum else cellwise.MASSES,
+            SUM if is_sum else MASSES,
             part,
             parts,
         )
@@ -135,7 +136,7 @@ def test_a_sum_of_regions_is_the_same_to_the_bit():
         cases.place(GRID),
         cases.columns_of(beams, SEVERAL, which),
         *cell_tables(),
-        cellwise.SUM,
+        SUM,
         0,
         1,
     )
@@ -148,7 +149,7 @@ def test_himm_is_that_of_one_reading_after_the_other(seed):
     expected, seen = one_by_one("himm", beams, which)
     values, observed = np.zeros(GRID.shape), np.zeros(GRID.shape, np.bool_)
     place = cases.place(GRID)
-    counts.add_bands(values, observed, place, readings, band_table(), counts.NOTHING, 0, 1)
+    counts.add_bands(values, observed, place, readings, band_table(), NOTHING, 0, 1)
     widths = np.array([s.beam_width_rad / 2 for s in SEVERAL])
     axis.add_axes(values, observed, place, readings, widths, 3.0, 1.0, 15.0)
     np.testing.assert_array_equal(values, expected["certainty"])

@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.grid import GridGeometry
+from mapping.kernels import merging
 from mapping.kernels.batch import fading, steps
 
 FLAT = {"model": "fading", "hit": 2.0, "miss": 1.0, "near": 0.0, "fade_m": 1e9}
@@ -129,7 +130,7 @@ def test_one_reading_at_a_time_on_a_blank_window_gives_the_same_bytes():
             0,
             1,
         )
-        steps.add_steps(cells[window.slices], said[:, : window.cols])
+        merging.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= seen_here
     np.testing.assert_array_equal(cells, whole)
     np.testing.assert_array_equal(observed, seen)

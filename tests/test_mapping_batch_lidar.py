@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from mapping.beams import Beam
 from mapping.grid import GridGeometry
+from mapping.kernels import merging
 from mapping.kernels.batch import lidar, steps
 from mapping.kernels.batch.readings import Scans, ends_of, scan_axes
 from recorder.geometry import SE2
@@ -168,7 +169,7 @@ def test_one_scan_at_a_time_on_a_blank_window_gives_the_same_bytes():
             0,
             1,
         )
-        steps.add_steps(cells[window.slices], said[:, : window.cols])
+        merging.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= here
     np.testing.assert_array_equal(cells, whole)
     np.testing.assert_array_equal(observed, seen)

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from naive_sensor_model import naive_temp_grid
 
+from mapping.kernels import merging
 from mapping.kernels.batch import regions, steps
 from mapping.kernels.batch.region_tables import peak_sensor, regions_sensor, tables_of
 from mapping.sensor_model import regions_table
@@ -123,7 +124,7 @@ def test_one_reading_at_a_time_on_a_blank_window_gives_the_same_bytes():
             0,
             1,
         )
-        steps.add_steps(cells[window.slices], said[:, : window.cols])
+        merging.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= here
     np.testing.assert_array_equal(cells, whole)
     np.testing.assert_array_equal(observed, seen)

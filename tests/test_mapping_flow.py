@@ -21,7 +21,9 @@ from recorder.session import read_session
 from recorder.session.columns import open_session
 
 LOGS = Path(__file__).resolve().parent.parent / "logs"
-RULES = ("bayes", "odds", "count", "sum", "binary", "dempster-shafer", "himm")
+RULES = (
+    "bayes", "odds", "count", "sum", "binary", "dempster-shafer", "himm", "saturating", "pooled",
+)  # fmt: skip
 MODELS = ("fading", "regions", "peak")
 EVERYTHING = [(rule, model) for rule in RULES for model in MODELS]
 COARSE = "grid.resolution_m=0.04"
@@ -157,22 +159,3 @@ def test_who_counts_is_called_with_how_many_are_merged() -> None:
         assert isinstance(finished, Finished)
         assert counts[-1] == sum(finished.used.values())
         assert counts == sorted(counts)
-
-
-def test_a_loop_that_is_compiled_is_named_and_one_that_is_not_is_not() -> None:
-    from numba import njit
-
-    from mapping.kernels.first_run import compiling_reported
-
-    @njit
-    def inner(x: float) -> float:
-        return x + 1.0
-
-    @njit
-    def outer(x: float) -> float:
-        return float(inner(x))
-
-    names: list[str] = []
-    with compiling_reported(names.append):
-        assert outer(1.0) == outer(1.0) == 2.0
-    assert names == ["outer"]

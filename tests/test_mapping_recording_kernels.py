@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mapping.kernels import recording
+from replay.rrd.pictures import UNSEEN, percent_classes
 from replay.rrd.value_log import kernels as predicting
 from replay.rrd.value_log.radial_profile import RadialProfile
 
@@ -124,3 +125,42 @@ def test_changes_and_evidence(seed: int, kind: type) -> None:
         band.sum(), probability[band].max(initial=0.0),
         free.sum(), probability[free].min(initial=1.0),
     )  # fmt: skip
+
+
+@few
+@given(SEEDS, st.integers(1, 50), st.floats(0.0, 5.0))
+def test_shades_are_taken_and_tiles_that_are_drawn_far_off_are_marked(
+    seed: int, side: int, slack: float
+) -> None:
+    random = np.random.default_rng(seed)
+    row0, col0, rows, cols = window(random)
+    part = np.s_[row0 : row0 + rows, col0 : col0 + cols]
+    observed = random.random((ROWS, COLS)) < 0.5
+    shades, drawn = (random.integers(0, 102, (ROWS, COLS)).astype(np.uint8) for _ in range(2))
+    drawn[random.random(drawn.shape) < 0.3] = UNSEEN
+    near = drawn[part] / np.float32(100) + random.normal(0, 0.02, (rows, cols))
+    probability = np.clip(near, 0, 1).astype(np.float32)
+    expected = shades.copy()
+    expected[part][observed[part]] = percent_classes(probability, observed[part])[observed[part]]
+    off = np.abs(np.float32(100) * probability - drawn[part].astype(np.float32)) > slack
+    off = (off | (drawn[part] == UNSEEN)) & observed[part]
+    tiles = {((row0 + r) // side, (col0 + c) // side) for r, c in np.argwhere(off).tolist()}
+    marked = np.zeros((-(-ROWS // side), -(-COLS // side)), bool)
+    before = drawn.copy()
+    recording.shade(probability, observed, shades, drawn, row0, col0, side, UNSEEN, slack, marked)
+    np.testing.assert_array_equal(shades, expected)
+    np.testing.assert_array_equal(drawn, before)
+    assert {tuple(place) for place in np.argwhere(marked).tolist()} == tiles
+
+
+@few
+@given(SEEDS, st.integers(1, 20), st.integers(1, 20), st.integers(0, 5))
+def test_two_cells_are_packed_in_a_byte(seed: int, rows: int, cols: int, extra: int) -> None:
+    classes = np.random.default_rng(seed).integers(0, 16, (rows, cols)).astype(np.uint8)
+    side = max(rows, cols) + extra
+    square = np.zeros((side, side + side % 2), np.uint8)
+    square[:rows, :cols] = classes
+    expected = np.hstack(
+        [np.zeros((side, 1), np.uint8), square[:, 0::2] * np.uint8(16) + square[:, 1::2]]
+    )
+    np.testing.assert_array_equal(recording.packed_rows(classes, side), expected)

@@ -119,7 +119,7 @@ def test_small_changes_near_a_half_have_more_digits() -> None:
 def test_a_segment_states_its_line() -> None:
     text = describe(segment_between("ping", (0.0, 1.0), (2.0, 1.0)))
     assert "From (0.000, 1.000) to (2.000, 1.000) m, **2.000 m** long" in text
-    assert "37 points of border 0 (magenta)" in text
+    assert "37 points along border 0 (magenta)" in text
     assert "4.0 mm" in text
     assert "ρ = 1.0000" in text
     assert "α = 90.00" in text

@@ -24,12 +24,17 @@ from mapping.artifacts import Border, Finished, RawPoints, Segment, Snapshot
 from mapping.config import load_config
 from mapping.config_sections import ExportSection
 from mapping.grid import GridGeometry, Layer
+from mapping.pipeline import build_maps, readings_of_each
+from mapping.placed_session import place_session
+from mapping.readings import raw_points
 from recorder.errors import BadInput, OutputExists
 from recorder.geometry import SE2
 from recorder.messages import Pose
+from recorder.session import read_session
 from replay.exports import Exporter, layer_pgm, layer_png, map_server_yaml
-from replay.trajectory import tum_text
+from replay.trajectory import tum_lines
 
+LOGS = ROOT / "logs"
 GEOMETRY = GridGeometry((-0.2, 0.1), 0.05, 2, 3)
 VALUES = np.array([[0.0, 4.0, 1.0], [0.0, 0.0, 2.0]], np.float32)
 PROBABILITY = VALUES / 4
@@ -39,7 +44,7 @@ POINTS = np.array([[0.1, 1 / 3], [-2.0, 1e-7]])
 TIMES = np.array([1_700_000_000_000_000_001, 1_700_000_000_000_000_002])
 FILES = {
     "npz", "pgm", "yaml", "borders.json", "segments.geojson", "raw-segments.geojson", "points.csv",
-    "dxf", "svg", "png", "pgw", "picture.png",
+    "dxf", "svg", "png", "pgw",
 }  # fmt: skip
 
 
@@ -222,9 +227,10 @@ def test_thresholds_that_leave_nothing_between_them_are_refused() -> None:
 def test_a_trajectory_as_evo_reads_it() -> None:
     """Its reader takes rows of eight numbers apart by spaces, unit quaternions, rising times."""
     poses = [Pose(1_700_000_000_123_456_789, SE2(1.5, -2.0, 3.0)), Pose(10**18 * 2, SE2(0, 0, 0))]
-    rows = [[float(v) for v in line.split(" ")] for line in tum_text(poses).splitlines()]
+    text = "".join(tum_lines(poses))
+    rows = [[float(v) for v in line.split(" ")] for line in text.splitlines()]
     assert [len(row) for row in rows] == [8, 8]
-    assert tum_text(poses).startswith("1700000000.123456789 1.5 -2 0 0 0 ")
+    assert text.startswith("1700000000.123456789 1.5 -2 0 0 0 ")
     assert rows[0][1:4] == [1.5, -2.0, 0.0]
     assert np.hypot(rows[0][6], rows[0][7]) == pytest.approx(1.0, abs=1e-11)
     assert 2.0 * np.arctan2(rows[0][6], rows[0][7]) == pytest.approx(3.0)
@@ -255,3 +261,28 @@ def test_map_writes_the_bag_and_the_trajectory(tmp_path: Path) -> None:
     assert len(rows) == len(found["/path"].poses) > 100
     assert main([*arguments, "-o", "-", "--mcap", str(tmp_path / "maps.bag")]) == 2
     assert main([*arguments, "-o", "-", "--mcap", str(bag)]) == 2  # it exists
+
+
+def test_of_a_long_session_some_raw_points_make_lines_and_all_are_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    whole = place_session(list(read_session(LOGS / "room.mcap").messages())[:2000], load_config())
+    everything = {sensor.name: points for sensor, points, *_ in raw_points(whole)}
+    monkeypatch.setattr("mapping.readings.MOST_RAW", 100)
+    monkeypatch.setattr("mapping.readings.STRETCH", 10)
+    used = readings_of_each(whole)
+    assert used == readings_of_each(list(whole))
+    some = {sensor.name: points for sensor, points, *_ in raw_points(whole, used)}
+    for name, points in some.items():
+        assert used[name] > 100 >= len(points) > 30
+        rows = {tuple(row): k for k, row in reversed(list(enumerate(everything[name].tolist())))}
+        at = [rows[tuple(row)] for row in points.tolist()]
+        assert at[0] < 3 * used[name] / 10
+        assert at[-1] > len(everything[name]) - 3 * used[name] / 10
+    exporter = Exporter(tmp_path / "out", config_text="", config={}, force=False)
+    for artifact in build_maps(whole, load_config(), watched=False):
+        exporter(artifact)
+    exporter.close((), whole)
+    for name, points in everything.items():
+        written = np.loadtxt(tmp_path / "out" / f"{name}.points.csv", delimiter=",", skiprows=1)
+        np.testing.assert_array_equal(written[:, 1:], points)

@@ -178,7 +178,7 @@ def test_what_whole_tiles_will_take_is_estimated_from_some_of_them() -> None:
     state.see(geometry.whole, np.ones(geometry.shape, bool))
     state.update(geometry.whole, values, values)
     tiles, size = state.packed_tiles()
-    assert tiles == 100
+    assert tiles == 64
     assert size == pytest.approx(values.nbytes, rel=0.02), "noise does not pack"
     state.update(geometry.whole, np.full_like(values, 0.25), values)
     assert state.packed_tiles()[1] < 0.02 * values.nbytes

@@ -123,7 +123,7 @@ def test_each_threshold_has_its_cells_and_its_borders(
     for snapshot in final:
         root = layout.compared(snapshot.layer.name, threshold)
         occupied = threshold_layer(snapshot.layer, threshold).occupied
-        tiling = layout.tiling_for(recording.geometry)
+        tiling = layout.results_tiling_for(recording.geometry)
         for row, col in tiling:
             part = occupied[tiling.window(row, col).slices]
             shown = newest(recording, layout.tile(root, row, col), "SegmentationImage:buffer")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import threading
 
 import numpy as np
 import pytest
@@ -16,7 +17,9 @@ from mapping.update_rules import UPDATE_RULES, UpdateRule
 from mapping.update_rules.rules import Cells
 from mapping.update_rules.state import start
 from replay.rrd import layout
+from replay.rrd.background import Background, done
 from replay.rrd.pictures import (
+    SLACK,
     STRENGTHS,
     UNSEEN,
     beam_outline,
@@ -42,9 +45,14 @@ def test_tiles_cover_every_cell_once_and_are_few(rows: int, cols: int) -> None:
     assert all(row % tiling.side == 0 and col % tiling.side == 0 for row, col in corners)
 
 
-def test_a_map_of_usual_size_has_small_tiles() -> None:
-    assert layout.tiling_for(GridGeometry((0.0, 0.0), 0.01, 400, 600)).side == 64
-    assert layout.tiling_for(GridGeometry((0.0, 0.0), 0.01, 4000, 4000)).side == 128
+@pytest.mark.parametrize(("rows", "cols", "side", "results"), [
+    (400, 600, 75, 600), (777, 1231, 77, 1024), (4000, 4000, 160, 1024), (9, 7, 9, 9),
+])  # fmt: skip
+def test_tiles_are_small_and_even(rows: int, cols: int, side: int, results: int) -> None:
+    """Larger ones than of 250 cells do not compress: the version before is too far back."""
+    geometry = GridGeometry((0.0, 0.0), 0.01, rows, cols)
+    assert layout.tiling_for(geometry).side == side
+    assert layout.results_tiling_for(geometry).side == results
 
 
 @pytest.mark.parametrize("name", ["ping", "left / 2nd: x", "Ünder", "a.b-c_d"])
@@ -249,13 +257,19 @@ def test_a_picture_of_shares_is_right_at_every_step(rule: str) -> None:
         before = drawn.copy()
         for place, picture in state.take_undrawn():
             drawn[state.tiling.window(*place).slices] = picture
-        expected = percent_classes(merging.layer("ping").probability, state.observed)
-        # A float32 may fall on the other side of a border between two shades.
-        assert (np.abs(drawn.astype(int) - expected) <= 2 * (expected != UNSEEN)).all()
-        assert (drawn != expected).mean() < 1e-3
+        true = 100.0 * merging.layer("ping").probability.astype(np.float64)
+        assert np.array_equal(drawn == UNSEEN, ~state.observed)
+        assert np.abs(drawn - true)[state.observed].max() <= SLACK + 1e-3
         before[merged.window.slices] = drawn[merged.window.slices]
         elsewhere += int((before != drawn).sum())
     assert elsewhere > 0
+    for place, picture in state.take_undrawn(whole=True):
+        drawn[state.tiling.window(*place).slices] = picture
+    expected = percent_classes(merging.layer("ping").probability, state.observed)
+    # A float32 may fall on the other side of a border between two shades.
+    assert (np.abs(drawn.astype(int) - expected) <= 2 * (expected != UNSEEN)).all()
+    assert (drawn != expected).mean() < 1e-3
+    assert state.take_undrawn(whole=True) == []
 
 
 def test_a_rule_of_ones_own_may_start_anywhere(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -270,3 +284,34 @@ def test_a_rule_of_ones_own_may_start_anywhere(monkeypatch: pytest.MonkeyPatch) 
     assert state.begin("doubt", "sceptic")
     assert (state.values == 0.5).all()
     assert state.exact
+
+
+def test_background_work_is_done_in_order_and_its_errors_come_back() -> None:
+    background, order = Background(), []
+    for number in range(200):
+        background.do(order.append, number)
+    background.wait()
+    assert order == list(range(200))
+    background.do(int, "no number")
+    with pytest.raises(ValueError, match="no number"):
+        background.wait()
+    assert background.do(len, "abc").result() == 3
+    assert done("here").result() == "here"
+
+
+def test_background_work_does_not_pile_up() -> None:
+    background, gate, behind = Background(), threading.Event(), []
+    threading.Timer(0.2, gate.set).start()
+    started = 0
+
+    def wait() -> None:
+        nonlocal started
+        started += 1
+        gate.wait()
+
+    for number in range(100):
+        background.do(wait)
+        behind.append(number + 1 - started)
+    assert max(behind) <= 66
+    background.wait()
+    assert started == 100

@@ -22,11 +22,14 @@ from viewer_support import Browser, Patiently, headless
 
 from mapping.artifacts import Artifact, MergedGrid, Started, TempGrid
 from mapping.beams import Beam
+from mapping.grid import GridGeometry
 from recorder.errors import BadInput
 from replay import viewer
 from replay.rrd import layout
+from replay.rrd.batches import quiet_reader
+from replay.rrd.catalogue import Catalogue, runs_in
 from replay.rrd.headless import HeadlessViewer
-from replay.rrd.program import free_ports, is_listening, viewer_environment
+from replay.rrd.program import LOCAL, free_ports, is_listening, viewer_environment
 from replay.rrd.run_drawer import RunDrawer
 from replay.rrd.web import WebViewer
 from replay.rrd.writer import RrdWriter
@@ -292,7 +295,89 @@ def test_the_page_is_served_here_and_may_not_talk_elsewhere(path: Path) -> None:
     assert not is_listening(urllib.parse.urlsplit(web.url).port or 0)
 
 
-def test_ctrl_c_ends_all_servers(path: Path) -> None:
+def test_asked_by_another_name_the_page_is_not_given(path: Path) -> None:
+    """Of a page elsewhere whose name leads here, a browser would take it for its own."""
+    with WebViewer(path) as web:
+        parts = urllib.parse.urlsplit(web.url)
+        for host, status in (("elsewhere.invalid", 421), ("", 421), ("localhost", 200)):
+            connection = http.client.HTTPConnection(LOCAL, parts.port, timeout=10.0)
+            connection.request("GET", "/", headers={"Host": host})
+            assert connection.getresponse().status == status
+            connection.close()
+
+
+@pytest.fixture(scope="module")
+def folder(path: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two runs, the second of another size; a copy, one that was cut off, and something else."""
+    folder = tmp_path_factory.mktemp("runs")
+    (folder / "first.rrd").write_bytes(path.read_bytes())
+    (folder / "first again.rrd").write_bytes(path.read_bytes())
+    (folder / "cut.rrd").write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    (folder / "session.mcap").write_bytes(b"")
+    geometry = GridGeometry((1.0, -1.0), 0.02, 70, 80)
+    with RrdWriter(folder / "second.rrd", RunDrawer("[grid]"), name="second") as writer:
+        for artifact in MadeRun(geometry, readings=6).artifacts():
+            writer(artifact)
+    return folder
+
+
+def test_of_a_folder_only_whole_recordings_are_shown_and_each_once(
+    folder: Path, tmp_path: Path
+) -> None:
+    runs = runs_in(folder)
+    assert [file.name for file in runs.files] == ["first again.rrd", "second.rrd"]
+    assert any("cut.rrd" in reason for reason in runs.left_out)
+    assert "first.rrd is a copy of first again.rrd" in runs.left_out
+    with pytest.raises(BadInput, match="no recording"):
+        viewer.open_viewer(tmp_path, web=True)
+
+
+def test_a_folder_is_served_here_only(folder: Path) -> None:
+    files = runs_in(folder).files
+    before = psutil.Process().net_connections()
+    with Catalogue(files) as catalogue:
+        catalogue.lay_out_table(files)
+        port = urllib.parse.urlsplit(catalogue.url.removeprefix("rerun+")).port
+        mine = [each for each in psutil.Process().net_connections() if each not in before]
+        listening = {each.laddr for each in mine if each.status == psutil.CONN_LISTEN}
+        assert listening == {(LOCAL, port)}
+    assert not is_listening(port or 0)
+
+
+def test_a_recording_states_what_its_run_was(folder: Path) -> None:
+    found: dict[str, Any] = {}
+    for chunk in quiet_reader(folder / "second.rrd").stream().filter(content="/__properties/run"):
+        found |= chunk.to_record_batch().to_pydict()
+    assert found["configuration"] == [["[grid]"]]
+    assert found["cells"] == [["80 x 70"]]
+    assert found["readings"] == [[6]]
+    assert found["dropped"] == [[2]]
+    assert found["sensors"] == [["ping, dirrs"]]
+
+
+@pytest.mark.viewer
+def test_a_folder_is_a_table_with_a_picture_of_each_run(folder: Path) -> None:
+    files = runs_in(folder).files
+    with Catalogue(files) as catalogue:
+        catalogue.lay_out_table(files)
+        with headless(catalogue.url) as shown:
+            picture = shown.screenshot()
+            end = time.monotonic() + 60.0
+            while islands(near(picture, layout.NEVER_SEEN)) < 2 and time.monotonic() < end:
+                time.sleep(1.0)
+                picture = shown.screenshot()
+            assert islands(near(picture, layout.NEVER_SEEN)) == 2
+            assert shown.complaints == []
+
+
+def islands(mask: np.ndarray) -> int:
+    """Groups of columns with many such pixels, with a gap between each and the next."""
+    columns = np.flatnonzero(mask.sum(axis=0) > 20)
+    return 1 + int((np.diff(columns) > 60).sum()) if len(columns) else 0
+
+
+@pytest.mark.parametrize(("how", "status"), [(signal.SIGINT, 0), (signal.SIGTERM, 143)])
+def test_a_signal_ends_all_servers(path: Path, how: signal.Signals, status: int) -> None:
     program = (
         # A shell's background jobs, and what they start, get no Ctrl-C unless they ask for it.
         "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
@@ -308,9 +393,9 @@ def test_ctrl_c_ends_all_servers(path: Path) -> None:
     url = process.stdout.readline().strip()
     children = psutil.Process(process.pid).children(recursive=True)
     assert children
-    process.send_signal(signal.SIGINT)
-    assert process.stdout.readline().strip() == "ended"
-    assert process.wait(10.0) == 0
+    process.send_signal(how)
+    assert process.stdout.readline().strip() == ("ended" if status == 0 else "")
+    assert process.wait(10.0) == status
     assert not psutil.wait_procs(children, timeout=5.0)[1]
     assert not is_listening(urllib.parse.urlsplit(url).port or 0)
 

@@ -48,7 +48,7 @@ def not_here(reason: str) -> None:
     pytest.skip(reason)
 
 
-def headless(path: Path, **options: Any) -> HeadlessViewer:
+def headless(path: Path | str, **options: Any) -> HeadlessViewer:
     """The viewer with a recording open, or a skip."""
     try:
         return HeadlessViewer(path, **options)

@@ -4,31 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
-from numba.core.event import Event, Listener, install_listener
-
-
-class _Names(Listener):  # type: ignore[misc]
-    """Calls with the name of each loop that is compiled, but for those that another one needs."""
-
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report, self._depth = report, 0
-
-    def on_start(self, event: Event) -> None:
-        """A loop that was found in no cache."""
-        found: Any = event.data
-        if self._depth == 0:
-            self._report(found["dispatcher"].py_func.__name__)
-        self._depth += 1
-
-    def on_end(self, event: Event) -> None:
-        """It is compiled."""
-        self._depth -= 1
+_reports: list[Callable[[str], None]] = []
 
 
 @contextmanager
 def compiling_reported(report: Callable[[str], None]) -> Iterator[None]:
-    """Call with the name of each loop that has to be compiled first, as long as the context."""
-    with install_listener("numba:compile", _Names(report)):
+    """Call with the name of each loop that has to be compiled first, as long as the context.
+
+    Of several such contexts the innermost is called.
+    """
+    _reports.append(report)
+    try:
         yield
+    finally:
+        _reports.remove(report)
+
+
+def compiling(name: str) -> None:
+    """A loop is about to be compiled: whoever wants to know is called."""
+    if _reports:
+        _reports[-1](name)

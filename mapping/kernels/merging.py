@@ -1,4 +1,4 @@
-"""Merging a temp grid into a map kept as steps of log-odds."""
+"""Merging a temp grid, or the steps of one reading, into a map kept as steps of log-odds."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.steps import CLAMP, ONE
+from mapping.kernels.batch.steps import CLAMP, HIGHEST, LOWEST, ONE
+
+Steps = NDArray[np.int32]
 
 
 @njit(cache=True, error_model="numpy")
@@ -30,3 +32,14 @@ def add_log_odds(
                 evidence = min(max(math.log(p / (1.0 - p)) * ONE, -CLAMP), CLAMP)
             total = float(cells[row0 + row, col0 + col] + np.rint(evidence))
             cells[row0 + row, col0 + col] = np.int32(min(max(total, -CLAMP), CLAMP))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_steps(cells: Steps, added: Steps) -> None:
+    """Add the steps of one reading, (rows, cols), to a window of the map; sums are clamped."""
+    rows, cols = added.shape
+    for row in range(rows):
+        for col in range(cols):
+            total = np.int32(cells[row, col] + added[row, col])
+            total = total if total < HIGHEST else HIGHEST
+            cells[row, col] = total if total > LOWEST else LOWEST

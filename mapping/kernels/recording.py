@@ -14,7 +14,7 @@ Flags = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def take(
     all_cells: NDArray[Any], cells: NDArray[Any], row0: int, col0: int, side: int,
     tile_differs: Flags,
@@ -39,7 +39,30 @@ def take(
             start = end
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
+def shade(
+    probability: Singles, observed: Flags, shades: Bytes, drawn: Bytes, row0: int, col0: int,
+    side: int, unseen: int, slack: float, tile_is_off: Flags,
+) -> None:  # fmt: skip
+    """Write the per cent of a window's cells, to the nearest even one, into the grid's ``shades``.
+
+    ``unseen`` where a cell is not ``observed``. Marks the tiles of ``side`` cells of which one cell
+    is ``drawn`` by more than ``slack`` points off its true per cent, or seen where it was not.
+    """
+    rows, cols = probability.shape
+    for row in range(rows):
+        tile_row = (row0 + row) // side
+        for col in range(cols):
+            if not observed[row0 + row, col0 + col]:
+                continue
+            p = probability[row, col]
+            shades[row0 + row, col0 + col] = 2 * np.uint8(np.rint(p * np.float32(50.0)))
+            before = drawn[row0 + row, col0 + col]
+            if before == unseen or abs(np.float32(100.0) * p - before) > slack:
+                tile_is_off[tile_row, (col0 + col) // side] = True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any]) -> Bytes:
     """How many edges a difference (N,) reaches, as many more where it is positive; else 0.
 
@@ -56,7 +79,23 @@ def strength_classes(difference: NDArray[Any], marked: Flags, edges: NDArray[Any
     return classes
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
+def packed_rows(classes: Bytes, side: int) -> Bytes:
+    """Numbers below 16 (rows, cols) as the rows of a PNG of ``side`` cells: two in a byte.
+
+    Each row begins with a 0: it is not coded by the one before. Cells without numbers are 0.
+    """
+    rows, cols = classes.shape
+    packed = np.zeros((side, 1 + (side + 1) // 2), np.uint8)
+    for row in range(rows):
+        for col in range(0, cols - 1, 2):
+            packed[row, 1 + col // 2] = classes[row, col] << 4 | classes[row, col + 1]
+        if cols % 2:
+            packed[row, 1 + cols // 2] = classes[row, cols - 1] << 4
+    return packed
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def evidence_of(
     probability: Floats, free: Flags, band: Flags
 ) -> tuple[int, float, int, float]:  # fmt: skip
@@ -75,7 +114,7 @@ def evidence_of(
     return in_band, most, in_front, least
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def changes_of(before: Singles, after: Singles) -> tuple[int, int, int, int, int, int]:
     """How many cells (N,) changed, became more occupied, more free; which changed most, the first.
 

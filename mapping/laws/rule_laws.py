@@ -85,6 +85,7 @@ def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
     """Evidence for occupied does not lower the probability, for empty does not raise it."""
     cells = _cells(rule)
     most = 10.0 * READINGS  # a share of the largest needs one that stays the same
+    passed_before = np.zeros(GRID.shape, np.bool_)
     for _ in range(READINGS):
         temp = random_reading(draw)
         here = {name: array[temp.window.slices] for name, array in cells.items()}
@@ -98,6 +99,9 @@ def evidence_counts_its_own_way(rule: UpdateRule, draw: Draw) -> str | None:
         # The centre of the obstacle's own cell may lie in front of the band: no evidence.
         free = temp.free & ~hit
         risen = free & (temp.probability < 0.5) & (rise > ROUNDING)
+        if rule.needs_a_view:
+            risen &= passed_before[temp.window.slices]
+        passed_before[temp.window.slices] |= temp.free
         for wrong, wanted in ((sunk, "occupied: the probability sank"), (risen, "empty: it rose")):
             if wrong.any():
                 row, col = np.argwhere(wrong)[0]

@@ -66,7 +66,7 @@ def chains_from_points(
     Points that are not finite are left out; what they leave open is a gap like any other.
     ``closed`` None: where the two ends of all the points meet, after having been far apart.
     """
-    from mapping.line_kernels.chains import break_at_gaps
+    from mapping.kernels.loops import break_at_gaps
 
     points = np.ascontiguousarray(points_m[np.isfinite(points_m).all(axis=1)], np.float64)
     if order == "bearing" and len(points):
@@ -157,7 +157,7 @@ def chains_from_scan(ranges_m: FloatArray, bearings_rad: FloatArray, *, sigma_m:
     Beams that came back with nothing are left out and leave a wider step in bearing. A scan that
     runs round the circle without a break is one closed chain.
     """
-    from mapping.line_kernels.chains import scan_chains
+    from mapping.kernels.loops import scan_chains
 
     bearings = np.ascontiguousarray(bearings_rad, np.float64)
     step_rad = (

@@ -35,22 +35,20 @@ def reachable_cells(
     and whose probability is below ``free_below``. A way leads through them only where a disc of
     diameter ``passage_m`` fits.
     """
-    from scipy.ndimage import distance_transform_edt, label
+    from mapping.kernels.loops import distances, spread
 
     geometry = layer.geometry
     radius = 0.5 * passage_m / geometry.resolution_m
     free = layer.observed & (layer.probability < np.float32(free_below))
     places = _cells_at(geometry, positions_m)
     if places.any():
-        free |= distance_transform_edt(~places) <= radius  # the robot's own body went there
+        free |= distances(places) <= radius  # the robot's own body went there
     # What lies beyond the grid is as good as free to a disc at its edge.
-    inner = distance_transform_edt(np.pad(free, 1, mode="edge"))[1:-1, 1:-1] >= radius
-    labels, _ = label(inner | places, np.ones((3, 3), int))
-    mine = np.unique(labels[places])
-    core = np.isin(labels, mine[mine > 0])
+    inner = distances(~np.pad(free, 1, mode="edge"))[1:-1, 1:-1] >= radius
+    core = spread(inner | places, places)
     if not core.any():
         return np.zeros(geometry.shape, np.bool_)
-    reachable: Cells = free & (distance_transform_edt(~core) <= radius)
+    reachable: Cells = free & (distances(core) <= radius)
     return reachable
 
 
@@ -117,9 +115,9 @@ def _remains(line: FittedLine, cuts: list[tuple[float, float]]) -> list[FittedLi
 
 def grown(cells: Cells, by_m: float, resolution_m: float) -> Cells:
     """The cells and all whose centres lie within ``by_m`` of one of theirs."""
-    from scipy.ndimage import distance_transform_edt
+    from mapping.kernels.loops import distances
 
     if not cells.any():
         return cells.copy()
-    near: Cells = distance_transform_edt(~cells) <= by_m / resolution_m + 1e-9
+    near: Cells = distances(cells) <= by_m / resolution_m + 1e-9
     return near

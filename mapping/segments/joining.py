@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,23 +29,59 @@ def merge_collinear(
     """
     done: list[FittedLine] = []
     waiting = sorted(lines, key=lambda line: line.length_m)
+    spreads = [_Spread.of(line.points_m) for line in waiting]
     while waiting:
-        line = waiting.pop()
+        line, spread = waiting.pop(), spreads.pop()
         while waiting:
-            partner, cost = _best_partner(line, waiting, config, same_side)
+            rms_m = _Spread.joined(spread, spreads)
+            partner, cost = _best_partner(line, waiting, rms_m, config, same_side)
             if partner is None:
                 break
             other = waiting.pop(partner)
+            del spreads[partner]
             merged = _union(line, other)
+            spread = _Spread.of(merged.points_m)
             _report(line, other, merged, cost, observe)
             line = merged
         done.append(line)
     return done
 
 
+@dataclass(frozen=True, slots=True)
+class _Spread:
+    """How many points there are, their mean, and the sums of xx, xy, yy about it."""
+
+    count: int
+    mean_m: tuple[float, float]
+    sums_m2: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, points_m: FloatArray) -> _Spread:
+        mean = points_m.mean(axis=0)
+        x, y = (points_m - mean).T
+        return cls(len(points_m), (mean[0], mean[1]), (float(x @ x), float(x @ y), float(y @ y)))
+
+    @staticmethod
+    def joined(one: _Spread, others: Sequence[_Spread]) -> FloatArray:
+        """Root mean square distances of its points and each other's from their common line, (N,).
+
+        But for rounding.
+        """
+        count = np.array([other.count for other in others])
+        away = np.array([other.mean_m for other in others]) - one.mean_m
+        sums = np.array([other.sums_m2 for other in others]) + one.sums_m2
+        both = (one.count * count / (one.count + count))[:, None]
+        xx, xy, yy = (sums + both * (away[:, [0, 0, 1]] * away[:, [0, 1, 1]])).T
+        across = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
+        rms_m: FloatArray = np.sqrt(np.maximum(across, 0.0) / (one.count + count))
+        return rms_m
+
+
 def _best_partner(
-    line: FittedLine, others: list[FittedLine], config: SegmentsSection, same_side: bool
-) -> tuple[int | None, float]:
+    line: FittedLine, others: list[FittedLine], rms_m: FloatArray, config: SegmentsSection,
+    same_side: bool,
+) -> tuple[int | None, float]:  # fmt: skip
+    """The line that fits best with another one; ``rms_m`` (N,) are those of both, nearly."""
     ends = np.array([[other.start_m, other.end_m] for other in others])
     along = np.array([other.along for other in others])
     cosine = along @ line.along
@@ -54,13 +92,15 @@ def _best_partner(
     likely = (gap <= config.gap_m) & (off <= 4.0 * config.epsilon_m) & (np.abs(cosine) > 0.8)
     if same_side:
         likely &= cosine > 0.0
-    best, least = None, 1.0
-    for k in np.flatnonzero(likely):
+    found = np.flatnonzero(likely)
+    for k in found[np.argsort(rms_m[found], kind="stable")].tolist():
         joint = fit_line(np.concatenate([line.points_m, others[k].points_m]))
         cost = joint.rms_m / config.largest_rms_m
-        if cost < least and _gap_along(joint, line, others[k]) <= config.gap_m:
-            best, least = int(k), cost
-    return best, least
+        if cost >= 1.0:
+            break
+        if _gap_along(joint, line, others[k]) <= config.gap_m:
+            return k, cost
+    return None, 1.0
 
 
 def _gap_along(joint: FittedLine, a: FittedLine, b: FittedLine) -> float:

@@ -123,21 +123,28 @@ def normal_form(line: FittedLine) -> tuple[float, float, FloatArray]:
     return rho, wrap_angle(math.atan2(normal[1], normal[0])), normal
 
 
-def covariance_of(points_m: FloatArray, normal: FloatArray, variances_m2: FloatArray) -> FloatArray:
+def covariance_of(
+    points_m: FloatArray,
+    normal: FloatArray,
+    variances_m2: FloatArray,
+    weights: FloatArray | None = None,
+) -> FloatArray:
     """(2, 2) covariance of (rho, alpha) of a least-squares line through points (N, 2).
 
     ``variances_m2`` (N,) are those of the points across the line; they need not be equal.
+    ``weights`` (N,) are those of the fit, by default all the same.
     """
+    w = np.full(len(points_m), 1.0 / len(points_m)) if weights is None else weights / weights.sum()
     t = points_m @ np.array([-normal[1], normal[0]])
-    tau = t - t.mean()
-    spread = float(tau @ tau)
+    middle = float(w @ t)
+    tau = t - middle
+    spread = float(w @ tau**2)
     if spread <= 0.0:
-        return np.diag([float(variances_m2.mean()), math.pi**2 / 3.0])  # any direction will do
-    n = len(points_m)
-    of_alpha = float(tau**2 @ variances_m2) / spread**2
-    of_mean = float(variances_m2.sum()) / n**2
-    both = -float(tau @ variances_m2) / (n * spread)
-    middle = float(t.mean())
+        mean = float(w @ variances_m2)
+        return np.diag([mean, math.pi**2 / 3.0])  # any direction will do
+    of_alpha = float((w * tau) ** 2 @ variances_m2) / spread**2
+    of_mean = float(w**2 @ variances_m2)
+    both = -float(w**2 * tau @ variances_m2) / spread
     of_rho = of_mean + middle**2 * of_alpha + 2.0 * middle * both
     return np.array([[of_rho, both + middle * of_alpha], [both + middle * of_alpha, of_alpha]])
 

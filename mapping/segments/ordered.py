@@ -108,7 +108,7 @@ def _finish(
     cuts: NDArray[np.int64],
     settle: int,
 ) -> list[FittedLine]:
-    from mapping.line_kernels.lines import lines_of_chains
+    from mapping.kernels.loops import lines_of_chains
 
     n = len(chains.points_m)
     log = np.empty((2, n, 4))

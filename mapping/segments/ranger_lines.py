@@ -94,17 +94,25 @@ def _distinct(
     return points[first], sensor_positions_m[first]
 
 
+def _as_numbers(points_m: FloatArray) -> NDArray[np.complex128]:
+    """Points (N, 2) as x + iy, (N,), which can be sorted and looked up."""
+    return np.ascontiguousarray(points_m, np.float64).view(np.complex128)[:, 0]
+
+
 class _Seen:
-    """What a sensor saw, and from where: which lines can be walls."""
+    """What a sensor saw, and from where: which lines can be walls.
+
+    ``points_m`` (N, 2) are different places; lines go through some of them.
+    """
 
     def __init__(
         self, points_m: FloatArray, sensor_positions_m: FloatArray, epsilon_m: float, narrow: bool
     ) -> None:
-        from scipy.spatial import cKDTree
-
         self._points, self._sensor_positions_m = points_m, sensor_positions_m
         self._epsilon_m, self._narrow = epsilon_m, narrow
-        self._tree = cKDTree(points_m)
+        places = _as_numbers(points_m)
+        self._order = np.argsort(places)
+        self._sorted = places[self._order]
 
     def walls(
         self, lines: list[FittedLine], config: SegmentsSection, observe: Observer | None
@@ -118,7 +126,8 @@ class _Seen:
         return [line for line in lines if self._through(line) <= _THROUGH * len(line.points_m)]
 
     def _is_scatter(self, line: FittedLine) -> bool:
-        sensor_positions_m = self._sensor_positions_m[self._tree.query(line.points_m)[1]]
+        at = self._order[np.searchsorted(self._sorted, _as_numbers(line.points_m))]
+        sensor_positions_m = self._sensor_positions_m[at]
         beams = line.points_m - sensor_positions_m
         reach = np.maximum(np.hypot(beams[:, 0], beams[:, 1]), 1e-12)
         moved = float(np.ptp(sensor_positions_m @ line.along))

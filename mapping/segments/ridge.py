@@ -103,7 +103,7 @@ def segments_from_grid(
 
 def thinned(occupied: Cells) -> Cells:
     """The figure (rows, cols) thinned to lines one cell thick."""
-    from mapping.line_kernels.thinning import thin
+    from mapping.kernels.loops import thin
 
     padded = np.pad(occupied, 1)
     thin(padded)
@@ -113,9 +113,9 @@ def thinned(occupied: Cells) -> Cells:
 
 def _depth_cells(occupied: Cells) -> FloatArray:
     """How far each cell (rows, cols) lies from the nearest free one; beyond the grid is free."""
-    from scipy.ndimage import distance_transform_edt
+    from mapping.kernels.loops import distances
 
-    depth: FloatArray = distance_transform_edt(np.pad(occupied, 1))[1:-1, 1:-1]
+    depth: FloatArray = distances(~np.pad(occupied, 1))[1:-1, 1:-1]
     return depth
 
 
@@ -136,11 +136,11 @@ def _beside(
     reachable: Cells, lines: list[FittedLine], geometry: GridGeometry, depth: FloatArray
 ) -> list[FittedLine]:
     """Lines most of whose band borders on what the robot saw."""
-    from scipy.ndimage import distance_transform_edt
+    from mapping.kernels.loops import distances
 
     if not reachable.any():
         return []
-    near = distance_transform_edt(~reachable) <= _UNEVEN * depth + _UNEVEN_CELLS
+    near = distances(reachable) <= _UNEVEN * depth + _UNEVEN_CELLS
     places = [(line, _cells_along(line, geometry)) for line in lines]
     return [line for line, at in places if len(at[0]) and near[at].mean() >= _SEEN_SHARE]
 

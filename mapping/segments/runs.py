@@ -114,11 +114,16 @@ def meet_at_corners(
 
 
 def _near_ends(ends: FloatArray, within_m: float) -> list[tuple[int, int]]:
-    from scipy.spatial import cKDTree
-
-    pairs = cKDTree(ends).query_pairs(within_m, output_type="ndarray")
+    """Pairs (i, j), i < j, of the places (N, 2) no further apart than that, the nearest first."""
+    order = np.argsort(ends[:, 0], kind="stable")
+    x, first = ends[order, 0], np.arange(len(ends))
+    ahead = np.searchsorted(x, x + within_m, side="right") - first - 1  # those that x lets through
+    one = np.repeat(first, ahead)
+    other = one + 1 + np.arange(len(one)) - np.repeat(np.cumsum(ahead) - ahead, ahead)
+    pairs = np.sort(np.column_stack([order[one], order[other]]), axis=1)
     apart = np.hypot(*(ends[pairs[:, 0]] - ends[pairs[:, 1]]).T)
-    return [(int(i), int(j)) for i, j in pairs[np.argsort(apart, kind="stable")]]
+    found = np.lexsort((pairs[:, 1], pairs[:, 0], apart))
+    return [(int(i), int(j)) for i, j in pairs[found[apart[found] <= within_m]]]
 
 
 def crossing(a: FittedLine, b: FittedLine, least_sine: float) -> FloatArray | None:

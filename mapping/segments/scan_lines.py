@@ -26,6 +26,7 @@ from recorder.messages import Radiation
 
 _ACROSS = 2.0  # of epsilon: how far poses of scans may disagree across a wall
 _TURNED = 0.10  # radians between a line and the wall that it continues, at most
+MOST_SCANS = 10_000  # are looked at for lines
 _FEWEST_SCANS = 2  # a wall that one scan alone saw is mostly a thing that moved
 
 
@@ -60,13 +61,22 @@ def of_lidar_only(layer: str, sensors: Iterable[Sensor]) -> bool:
     return all(own or [laser for _, laser in kinds])
 
 
-def scans_of(placed: Iterable[Readings], sensor: str) -> list[Beam]:
-    """The scans of a sensor, in their order; none of one whose readings are single ranges."""
-    found = []
+def scans_of(placed: Iterable[Readings], sensor: str, total: int = 0) -> list[Beam]:
+    """The scans of a sensor, in their order; none of one whose readings are single ranges.
+
+    Of ``total`` readings of the sensor, ``MOST_SCANS`` at most, spread evenly over the session.
+    """
+    found: list[Beam] = []
+    before = 0
     for readings in placed:
         mine = np.array([each.name == sensor for each in readings.sensors], np.bool_)
         scans = np.diff(readings.begins) > 1
-        scans &= mine[readings.sensor] if len(mine) else False
+        of_sensor = mine[readings.sensor] if len(mine) else np.zeros(len(readings), np.bool_)
+        scans &= of_sensor
+        if total > MOST_SCANS:
+            place = np.cumsum(of_sensor) - 1 + before
+            scans &= place * MOST_SCANS // total != (place + 1) * MOST_SCANS // total
+            before += int(of_sensor.sum())
         found += [readings.beam(row) for row in np.flatnonzero(scans).tolist()]
     return found
 

@@ -66,11 +66,31 @@ class Corner:
     at_m: Place
 
 
-Stage = Split | Merge | Fit | Corner
+@dataclass(frozen=True, slots=True)
+class Move:
+    """The line between two ends was fitted again to the readings it explains: ``moved_m`` across.
+
+    Where several lines became one, it is the longest of them.
+    """
+
+    start_m: Place
+    end_m: Place
+    moved_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Drop:
+    """The line between two ends is none: the readings speak against it, or for a better one."""
+
+    start_m: Place
+    end_m: Place
+
+
+Stage = Split | Merge | Fit | Corner | Move | Drop
 Observer = Callable[[Stage], None]
 
 # In the order in which the methods go through them.
-KINDS = ("split", "merge", "fit", "corner")
+KINDS = ("split", "merge", "fit", "corner", "move", "drop")
 
 
 def line_stages(
@@ -111,3 +131,7 @@ def _parts(stage: Stage) -> tuple[tuple[Place, Place] | None, list[Place], float
             return (stage.start_m, stage.end_m), [], stage.rms_m
         case Corner():
             return None, [stage.at_m], None
+        case Move():
+            return (stage.start_m, stage.end_m), [], stage.moved_m
+        case Drop():
+            return (stage.start_m, stage.end_m), [], None

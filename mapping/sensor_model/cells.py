@@ -105,12 +105,12 @@ def _centres(geometry: GridGeometry, window: Window, beam: Beam) -> tuple[Floats
 def _one_axis(
     beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, free: Flags, band: Flags
 ) -> tuple[Covered, Flags]:
-    from mapping.kernels import footprints
+    from mapping.kernels import loops
 
     heading, half = float(beam.headings_rad[0]), beam.beam_width_rad / 2.0
     index = np.empty(free.size, np.int64)
     rho, along, across = (np.empty(free.size) for _ in range(3))
-    found, in_band = footprints.wedge(
+    found, in_band = loops.wedge(
         *_centres(geometry, window, beam), math.cos(heading), math.sin(heading), half,
         float(spans.start_m[0]), float(spans.end_m[0]), free, band, index, rho, along, across,
     )  # fmt: skip
@@ -122,13 +122,13 @@ def _one_axis(
 def _many_axes(
     beam: Beam, spans: Spans, geometry: GridGeometry, window: Window, free: Flags, band: Flags
 ) -> tuple[Covered, Flags]:
-    from mapping.kernels import footprints
+    from mapping.kernels import loops
 
     headings = beam.headings_rad
     index, owner = np.empty(free.size, np.int64), np.empty(free.size, np.int64)
     rho, along, across = (np.empty(free.size) for _ in range(3))
     in_band = np.zeros(headings.size, np.int64)
-    found = footprints.fan(
+    found = loops.fan(
         *_centres(geometry, window, beam), *_borders_between(headings), np.cos(headings),
         np.sin(headings), beam.beam_width_rad / 2.0, spans.start_m, spans.end_m, free, band,
         index, rho, along, across, owner, in_band,
@@ -142,12 +142,12 @@ def _borders_between(headings_rad: Floats) -> tuple[Floats, Integers]:
 
     Of axes that look the same way the first is taken.
     """
-    from mapping.kernels import footprints
+    from mapping.kernels import loops
 
     directions, axes = np.unique(headings_rad % (2.0 * math.pi), return_index=True)
     gaps = np.diff(directions, append=directions[0] + 2.0 * math.pi)
     middles = directions + gaps / 2.0
-    turns = footprints.turns_of(np.cos(middles), np.sin(middles))
+    turns = loops.turns_of(np.cos(middles), np.sin(middles))
     order = np.argsort(turns, kind="stable")
     return turns[order], np.roll(axes, -1)[order]
 

@@ -1,142 +1,40 @@
-"""How a temp grid changes the map: the update rules, behind one small interface.
+"""The update rules that keep one number a cell, or masses; and the table of all rules.
 
-A rule names the arrays that it keeps for each cell, changes a rectangle of them for one reading,
-and states what they mean: a value in the rule's own unit, and a probability. All that anyone has to
-know of a rule stands on its class: who draws, exports or compares looks it up here, by the names
-that a file holds (:func:`rule_of`). A rule of your own is such a class; see docs/plugins.md.
+Who draws, exports or compares looks a rule up here, by the names that a file holds
+(:func:`rule_of`).
 """
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Mapping
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mapping.artifacts import TempGrid
 from mapping.numbers import expit
-from mapping.parameters import Configurable, ParameterSection
 from mapping.update_rules.axis import axis_cells
+from mapping.update_rules.base import (
+    CLAMP,
+    Cells,
+    Flags,
+    Floats,
+    UpdateRule,
+    log_odds,
+    share_of_largest,
+)
+from mapping.update_rules.pooled import Pooled
+from mapping.update_rules.saturating import Saturating
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Cells = dict[str, Floats]
+__all__ = [
+    "BUILT_IN_RULES", "CLAMP", "HIMM_HIT", "HIMM_MISS", "HIMM_MOST", "UPDATE_RULES", "Bayes",
+    "Binary", "Cells", "Count", "DempsterShafer", "Flags", "Floats", "Himm", "Odds", "Pooled",
+    "Saturating", "Sum", "UpdateRule", "combine_masses", "floored", "log_odds", "rule_of",
+    "share_of_largest", "unit_gives_probability", "unit_gives_start",
+]  # fmt: skip
 
-CLAMP = 13.8  # log-odds: a probability stays within 1e-6 of 0 and 1, and can always come back
-UNKNOWN_FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown, for the same reason
+UNKNOWN_FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown, so that no cell is stuck
 HIMM_HIT, HIMM_MISS, HIMM_MOST = 3.0, 1.0, 15.0
-
-
-class UpdateRule(Configurable):
-    """Base of all rules. ``kind`` is the unit of its values; ``start`` what a cell begins with.
-
-    ``Parameters`` are the keys of its own in ``[sensors.NAME]``; ``parameters`` holds their values.
-    """
-
-    kind: ClassVar[str] = "probability"
-    start: ClassVar[dict[str, float]] = {}
-    """The arrays that the rule keeps, by name, and what each cell begins with."""
-    order_matters: ClassVar[bool] = False
-    """True where the same readings in another order may give another map."""
-    against_largest: ClassVar[bool] = False
-    """True where ``probability`` needs the largest value of the map (it is 0 otherwise)."""
-    per_sample: ClassVar[bool] = True
-    """False where a reading counts once, however often its samples hit a cell."""
-    along_axis: ClassVar[bool] = False
-    """True where a beam counts as a thin line: cells beside its axis stay as they are."""
-
-    _configured: ParameterSection | None = None
-
-    @property
-    def parameters(self) -> Any:
-        """The values of the rule's own keys, as its ``Parameters`` holds them."""
-        return self.Parameters() if self._configured is None else self._configured
-
-    def with_parameters(self, values: Mapping[str, Any]) -> UpdateRule:
-        """The rule with its own keys among ``values``; itself where it has no keys."""
-        own = self.Parameters.own_of(values)
-        if not own:
-            return self
-        configured = copy.copy(self)
-        configured._configured = self.Parameters.model_validate(own)
-        return configured
-
-    def merge(self, cells: Cells, temp: TempGrid) -> None:
-        """Change ``cells``, the arrays over ``temp.window``, in place for one reading."""
-        raise NotImplementedError
-
-    def values(self, cells: Cells) -> Floats:
-        """What the arrays hold, in the rule's own unit."""
-        raise NotImplementedError
-
-    def probability(self, cells: Cells, largest: float) -> Floats:
-        """The same as a probability; ``largest`` is the largest value in the whole map."""
-        return self.probability_of_values(self.values(cells), largest, self.extra(cells))
-
-    def extra(self, cells: Cells) -> dict[str, Floats]:
-        """Further arrays to show, by name."""
-        return {}
-
-    def probability_of_values(
-        self, values: Floats, largest: float, extra: Mapping[str, Floats]
-    ) -> Floats:
-        """A probability from what files hold: the values, and the arrays of ``extra``."""
-        return share_of_largest(values, largest) if self.against_largest else values
-
-    def untouched(self, values: Floats, extra: Mapping[str, Floats], start: float) -> Flags:
-        """Cells that hold what they began with (or no number): as good as never seen."""
-        same: Flags = (values == start) | np.isnan(values)
-        return same
-
-    @property
-    def start_value(self) -> float:
-        """What a cell without readings holds, as a file has it: in single precision."""
-        return float(np.float32(self.values(self._one_cell)[0]))
-
-    @property
-    def start_probability(self) -> float:
-        """The probability of a cell without readings."""
-        return float(self.probability(self._one_cell, 0.0)[0])
-
-    @property
-    def never_free(self) -> bool:
-        """Whether a cell cannot become more free than it began: nothing lies below 0."""
-        return self.start_probability <= 0.0
-
-    @property
-    def multiplies_odds(self) -> bool:
-        """Whether the log of exact values may predict a reading's outcome: odds times p / (1 - p).
-
-        It checks each prediction, so a rule that does otherwise costs only the try.
-        """
-        return self.kind in ("probability", "odds")
-
-    @property
-    def shown_as_odds(self) -> bool:
-        """Whether the values themselves are what a picture of odds holds against the largest."""
-        return self.against_largest
-
-    @property
-    def _one_cell(self) -> Cells:
-        return {name: np.full(1, value) for name, value in self.start.items()}
-
-
-def share_of_largest(values: Floats, largest: float) -> Floats:
-    """Values over the largest, 0 .. 1; all 0 where nothing was counted yet."""
-    if largest <= 0.0:
-        return np.zeros_like(values)
-    shares: Floats = np.clip(values / largest, 0.0, 1.0)
-    return shares
-
-
-def log_odds(probability: Floats) -> Floats:
-    """ln(p / (1 - p)), clamped so that 0 and 1 stay finite."""
-    with np.errstate(divide="ignore"):
-        ratio = np.log(probability) - np.log1p(-probability)
-    clamped: Floats = np.clip(ratio, -CLAMP, CLAMP)
-    return clamped
 
 
 class Binary(UpdateRule):
@@ -313,7 +211,7 @@ class _Unknown(UpdateRule):
 
 
 BUILT_IN_RULES: tuple[UpdateRule, ...] = (
-    Binary(), Count(), Sum(), Bayes(), Odds(), DempsterShafer(), Himm()
+    Binary(), Count(), Sum(), Bayes(), Odds(), DempsterShafer(), Himm(), Saturating(), Pooled()
 )  # fmt: skip
 UPDATE_RULES: dict[str, UpdateRule] = {rule.name: rule for rule in BUILT_IN_RULES}
 _UNKNOWN = _Unknown()

@@ -155,9 +155,9 @@ class MapState:
             if self._steps is None:
                 self.rule.merge(self._cut(window), part)
             elif not window.empty:
-                from mapping.kernels import merging
+                from mapping.kernels.loops import add_log_odds
 
-                merging.add_log_odds(self._steps, window.row0, window.col0, part.probability)
+                add_log_odds(self._steps, window.row0, window.col0, part.probability)
             self._observed[window.slices] |= part.band | (part.probability != 0.5)
 
     def _place(self, row0: int, col0: int) -> Place:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Protocol
@@ -26,11 +27,13 @@ def warn(text: str) -> None:
 @contextmanager
 def progress_bar(title: str, *, quiet: bool) -> Iterator[Advance]:
     """A bar for as long as the context; none when ``quiet`` or where no terminal would show it."""
+    if quiet or not sys.stderr.isatty():
+        yield lambda done, total=None, doing="": None
+        return
     from rich.console import Console
     from rich.progress import Progress
 
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+    with Progress(console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(title, total=None)
 
         def advance(done: float, total: float | None = None, doing: str = "") -> None:

@@ -1,4 +1,4 @@
-"""``view``: a recording in the Rerun viewer."""
+"""``view``: a recording, or a folder of them, in the Rerun viewer."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ from recorder.cli import options
 
 
 @click.command(epilog="Example:  echogrid view run.rrd --web")
-@click.argument("file", type=options.INPUT)
+@click.argument("file", metavar="FILE|FOLDER", type=options.INPUT)
 @click.option(
     "--web",
     is_flag=True,
     help="In the browser instead of a window, served on 127.0.0.1; Ctrl-C ends it.",
 )
 def view(file: Path, web: bool) -> int:
-    """Open a recording in the Rerun viewer."""
+    """Open a recording in the Rerun viewer; of a FOLDER, all of those in it as a table.
+
+    The table has a card for each run, with the map that it ends with, and opens any of them.
+    """
     from replay.viewer import open_viewer
 
     open_viewer(file, web=web, announce=click.echo)

@@ -162,13 +162,57 @@ class Swatch:
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """One map with what lies over it; what of it is shown is ``frame``."""
+    """One map with what lies over it; what of it is shown is ``frame``.
+
+    One that is not ``in_metres`` is an example, without axes and scale.
+    """
 
     title: str
     frame: Box
     cells: Cells | None = None
     swatches: tuple[Swatch, ...] = ()
     marks: tuple[Mark, ...] = ()
+    in_metres: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A line of a plot through points (N, 2)."""
+
+    points: Floats
+    colour: Colour
+    label: str = ""
+    dashed: bool = False
+    filled: bool = False  # down to zero
+
+
+@dataclass(frozen=True, slots=True)
+class Bars:
+    """Columns of a plot: ``edges`` (N + 1,) along x, ``heights`` (N,); ``named`` writes them."""
+
+    edges: Floats
+    heights: Floats
+    colour: Colour
+    label: str = ""
+    named: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Chart:
+    """A plot of numbers; ``frame`` is its shape on the page."""
+
+    title: str
+    x_label: str
+    y_label: str
+    parts: tuple[Curve | Bars, ...]
+    frame: Box = Box(0.0, 0.0, 1.6, 1.0)
+    swatches: tuple[Swatch, ...] = ()
+
+    @property
+    def marks(self) -> tuple[Strokes, ...]:
+        """What the legend names."""
+        nowhere = np.zeros((0, 2, 2))
+        return tuple(Strokes(nowhere, each.colour, 1.8, each.label) for each in self.parts)
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,12 +223,13 @@ class Page:
     """
 
     title: str
-    panels: tuple[Panel, ...]
+    panels: tuple[Panel | Chart, ...]
     caption: str = ""
     source: str = ""  # small, beside the title
     columns: int = 3  # at most
     footer: str = ""  # small, below the caption
     drawn_caption: bool = True
+    named: str = ""  # the title for the file's description, where another is drawn
 
 
 def on_one_scale(panels: tuple[Panel, ...]) -> tuple[Panel, ...]:

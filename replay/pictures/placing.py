@@ -11,7 +11,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 from replay.pictures import style
-from replay.pictures.parts import Area, Box, Dots, Page, Panel, RobotMark, Strokes, Trail, Words
+from replay.pictures.parts import (
+    Area,
+    Box,
+    Chart,
+    Dots,
+    Page,
+    Panel,
+    RobotMark,
+    Strokes,
+    Trail,
+    Words,
+)
 from replay.pictures.style import Colour
 
 Measure = Callable[[str, float, bool], float]  # a text, its size in points, bold → inches
@@ -161,8 +172,10 @@ def place(page: Page, measure: Measure) -> Placed:
     columns, rows, width, height = _grid_of(page.panels, inner, page.columns)
     titled = any(panel.title for panel in page.panels)
     panels, y = _panel_places(page, columns, width, height, y, measure, texts, titled=titled)
+    maps = [panel for panel in page.panels if isinstance(panel, Panel) and panel.in_metres]
     scale = width / page.panels[0].frame.width_m
-    keys = [*_scale_key(page.panels[0].frame, scale), *keys_of(page)]
+    one_scale = len({panel.frame.width_m for panel in maps}) == 1
+    keys = [*(_scale_key(maps[0].frame, scale) if one_scale else []), *keys_of(page)]
     right = max(each.x + each.width for each in panels) + style.GAP
     left_over = style.PAGE_WIDTH - style.MARGIN - right
     if rows == 1 and left_over >= _SIDE and keys:
@@ -191,19 +204,21 @@ def _write(
 
 
 def _grid_of(
-    panels: Sequence[Panel], inner: float, most_columns: int
+    panels: Sequence[Panel | Chart], inner: float, most_columns: int
 ) -> tuple[int, int, float, float]:
     """Columns, rows, and the size of each panel: what makes the panels largest."""
     ratio = max(p.frame.height_m / p.frame.width_m for p in panels)
-    best = (0, 0, 0.0, 0.0)
+    best, most = (0, 0, 0.0, 0.0), 0.0
     for columns in range(1, min(most_columns, len(panels)) + 1):
         rows = math.ceil(len(panels) / columns)
         wide = (inner - columns * style.AXIS_LEFT - (columns - 1) * style.GAP) / columns
         other = style.AXIS_BELOW + style.PANEL_TITLE
         tall = min(max(_ROOM / rows - other, _LOWEST), style.TALLEST_PANEL)
         width = min(wide, tall / ratio)
-        if width >= best[2]:
-            best = (columns, rows, width, width * ratio)
+        # An empty place looks like a lost panel.
+        worth = width * (len(panels) / (rows * columns)) ** 2
+        if worth >= most:
+            best, most = (columns, rows, width, width * ratio), worth
     return best
 
 

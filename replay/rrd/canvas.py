@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
 from replay.rrd import columns, layout, scene
-from replay.rrd.layout import Colour, Place
+from replay.rrd.layout import Colour, Place, Tiling
 from replay.rrd.sink import Pack, RowBuffer, Sink, Stamp
 
 Floats = NDArray[np.float64]
@@ -26,6 +26,7 @@ class Canvas:
     def __init__(self, sink: Sink, geometry: GridGeometry, stamp: Stamp) -> None:
         self.sink, self.geometry, self.stamp = sink, geometry, stamp
         self.tiling = layout.tiling_for(geometry)
+        self.results_tiling = layout.results_tiling_for(geometry)
         self.rows = RowBuffer(sink)
         self._prepared: set[str] = set()
         self._vanishing: dict[str, tuple[Pack, Any]] = {}
@@ -88,24 +89,26 @@ class Canvas:
         number = len(self._colours)
         return self._colours.setdefault(sensor, layout.SENSORS[number % len(layout.SENSORS)])
 
-    def draw_tile(self, root: str, place: Place, picture: NDArray[np.uint8], order: float) -> None:
-        """Draw one tile of a grid of classes."""
-        entity = layout.tile(root, *place)
-        self.prepare(entity, scene.set_up_tile, self.tiling, place, order)
-        self.add(entity, columns.class_images, picture, picture.nbytes)
-
     def draw_classes(self, root: str, picture: NDArray[np.uint8], order: float) -> None:
-        """Draw a grid of classes: the tiles that are not as they were drawn last."""
+        """Draw a whole grid of classes: the tiles that are not as they were drawn last."""
         drawn = self._classes.get(root)
         if drawn is None:
             drawn = np.zeros_like(picture)
             if order == layout.ORDER_CLASSES:
                 scene.set_up_never_seen(self.sink, root, self.geometry, 0)
         self._classes[root] = picture.copy()
-        for place in self.tiling:
-            part = self.tiling.window(*place).slices
+        for place in self.results_tiling:
+            part = self.results_tiling.window(*place).slices
             if not np.array_equal(picture[part], drawn[part]):
-                self.draw_tile(root, place, picture[part].copy(), order)
+                self.draw_tile(root, self.results_tiling, place, picture[part].copy(), order)
+
+    def draw_tile(
+        self, root: str, tiling: Tiling, place: Place, picture: NDArray[np.uint8], order: float
+    ) -> None:
+        """Draw one tile of a grid of classes."""
+        entity = layout.tile(root, *place)
+        self.prepare(entity, scene.set_up_tile, tiling, place, order)
+        self.add(entity, columns.class_images, picture, picture.nbytes)
 
     @property
     def chunks(self) -> int:

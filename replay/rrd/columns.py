@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass
 from typing import Any
 
@@ -69,7 +70,7 @@ class Patch:
 
     corner_m: tuple[float, float]
     cell_m: float
-    png: bytes
+    png: Future[bytes]
 
 
 def patches(rows: Sequence[Patch]) -> Columns:
@@ -77,9 +78,10 @@ def patches(rows: Sequence[Patch]) -> Columns:
 
     The scale is written again each time: a transform is taken from one row, whole.
     """
-    flat = np.frombuffer(b"".join(row.png for row in rows), np.uint8)
+    pngs = [row.png.result() for row in rows]
+    flat = np.frombuffer(b"".join(pngs), np.uint8)
     return [
-        rr.ComponentColumn(_BLOB_OF_PNG, _Arrow(_blobs(flat, [len(row.png) for row in rows]))),
+        rr.ComponentColumn(_BLOB_OF_PNG, _Arrow(_blobs(flat, [len(png) for png in pngs]))),
         *rr.Transform3D.columns(
             translation=[[*row.corner_m, 0.0] for row in rows],
             scale=[[row.cell_m] * 3 for row in rows],
@@ -142,27 +144,6 @@ def arrows(rows: Sequence[NDArray[np.float64]]) -> Columns:
     """One arrow a row, as its start and its vector: (2, 2), metres."""
     both = np.stack(rows)
     return list(rr.Arrows2D.columns(origins=both[:, 0], vectors=both[:, 1]))
-
-
-@dataclass(frozen=True, slots=True)
-class StepRecord:
-    """What a step is: the artifact's name, the layer that it belongs to or nothing, and the layers
-    whose values in the file are complete and exact at this step."""
-
-    artifact: str
-    layer: str
-    exact: tuple[str, ...]
-
-
-def step_records(rows: Sequence[StepRecord]) -> Columns:
-    """One record a step, for the reader."""
-    exact = [name for row in rows for name in row.exact]
-    lengths = [len(row.exact) for row in rows]
-    return [
-        _texts("artifact", [row.artifact for row in rows]),
-        _texts("layer", [row.layer for row in rows]),
-        _texts("exact", exact).partition(lengths),
-    ]
 
 
 @dataclass(frozen=True, slots=True)

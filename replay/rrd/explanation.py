@@ -99,7 +99,7 @@ def _what_it_means(beam: Beam) -> str:
 
 
 def _temp(temp: TempGrid) -> str:
-    from mapping.kernels.recording import evidence_of
+    from mapping.kernels.loops import evidence_of
 
     in_band, most, in_front, least = evidence_of(temp.probability, temp.free, temp.band)
     if not in_band and not in_front:
@@ -122,7 +122,7 @@ def _temp(temp: TempGrid) -> str:
 
 
 def _merged(merged: MergedGrid) -> str:
-    from mapping.kernels.recording import changes_of
+    from mapping.kernels.loops import changes_of
 
     head = f"## Reading {merged.beam.number} goes into the map {merged.layer}\n\n"
     before, after = merged.previous, merged.probability
@@ -217,6 +217,10 @@ _STAGES = {  # heading; what was done; what the number is
             "{high:.4f} m"),
     "corner": ("corners", "Red: {n} corners, where neighbouring lines cross; both end there now",
                ""),
+    "move": ("move to the raw points", "Blue: {n} lines as the grid has them. Each is fitted again "
+             "to the readings that it explains", "it moves by {low:.3f} to {high:.3f} m"),
+    "drop": ("leave out", "Blue: {n} lines that are no walls: readings went past them, or better "
+             "lines explain the same readings", ""),
 }  # fmt: skip
 
 
@@ -235,7 +239,7 @@ def _segment(segment: Segment) -> str:
     if segment.source == "raw":
         origin = f"{segment.points} raw points (violet)"
     else:
-        of = "" if segment.border is None else f" of border {segment.border}"
+        of = "" if segment.border is None else f" along border {segment.border}"
         origin = f"{segment.points} points{of} (magenta)"
     rho_sd, alpha_sd = np.sqrt(np.maximum(np.diag(segment.covariance), 0.0))
     return (

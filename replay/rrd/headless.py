@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 
 class HeadlessViewer(contextlib.AbstractContextManager["HeadlessViewer"]):
-    """One recording, open in a viewer without a window. Use it as a context.
+    """One recording, or a catalogue's address, open in a viewer without a window; a context.
 
     Raises BadInput when the viewer cannot start (``NEEDS_DRIVER``) or does not load the file.
     """
@@ -41,7 +41,7 @@ class HeadlessViewer(contextlib.AbstractContextManager["HeadlessViewer"]):
         try:
             url = f"rerun+http://{LOCAL}:{self._viewer.ports[0]}/proxy"
             self._client = ViewerClient.connect(url)
-            self._open(Path(path))
+            self._open(str(path) if "://" in str(path) else str(Path(path).resolve()))
         except BaseException:
             self.stop()
             raise
@@ -147,16 +147,17 @@ class HeadlessViewer(contextlib.AbstractContextManager["HeadlessViewer"]):
     def _layout(self) -> dict[str, Any]:
         return dict(self._ask(self._client.get_blueprint, of="recording").blueprint)
 
-    def _open(self, path: Path) -> None:
-        self._client.open([str(path.resolve())])
+    def _open(self, what: str) -> None:
+        """A file; or an address, of which only what it shows can tell whether it is there."""
+        self._client.open([what])
         for _ in until(_LOAD_S):
             self._viewer.check()
             with contextlib.suppress(RuntimeError, ConnectionError):
                 state = self._ask(self._client.get_state)
-                if state.recordings and state.views and not state.loading:
+                if "://" in what or (state.recordings and state.views and not state.loading):
                     time.sleep(_PAINT_S)
                     return
-        raise BadInput(f"{path}: the viewer did not load it in time")
+        raise BadInput(f"{what}: the viewer did not load it in time")
 
 
 def _open_tab(layout: dict[str, Any], inner: str) -> str | None:

@@ -5,12 +5,14 @@ Readings that are not shown still change them; the next shown one draws what the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from mapping.artifacts import MergedGrid, Snapshot, TempGrid
 from mapping.update_rules import rule_of
 from replay.rrd import columns, layout, scene
 from replay.rrd.canvas import Canvas
 from replay.rrd.pictures import UNSEEN
-from replay.rrd.tiles import LayerTiles
+from replay.rrd.tiles import LayerTiles, is_made_whole
 from replay.rrd.value_log.log import ValueLog
 
 # Each tile of a map is written some 5 times at the end: what never changes of it, its values, its
@@ -23,10 +25,10 @@ _END_COST = 100_000  # bytes of what else comes at the end
 
 
 class Layers:
-    """The newest state of every layer, and which of it the recording holds."""
+    """The newest state of every layer of a run, and which of it the recording holds."""
 
-    def __init__(self, canvas: Canvas) -> None:
-        self._canvas = canvas
+    def __init__(self, canvas: Canvas, layers: Sequence[str]) -> None:
+        self._canvas, self._layers = canvas, layers
         self._log = ValueLog(canvas.rows, canvas.tiling)
         self._tiles: dict[str, LayerTiles] = {}
         self._newest_temp: TempGrid | None = None
@@ -35,7 +37,9 @@ class Layers:
         """The newest state of a layer; a new one is set up, with nothing seen yet."""
         if name not in self._tiles:
             canvas = self._canvas
-            self._tiles[name] = LayerTiles(canvas.tiling)
+            made_whole = is_made_whole(name, self._layers)
+            tiling = canvas.results_tiling if made_whole else canvas.tiling
+            self._tiles[name] = LayerTiles(tiling)
             scene.set_up_layer(canvas.sink, name, canvas.colour(name))
             scene.set_up_never_seen(canvas.sink, layout.merged(name), canvas.geometry, UNSEEN)
         return self._tiles[name]
@@ -63,10 +67,12 @@ class Layers:
             if exact:
                 self._log.replace(name, tiles.take_inexact(), stamp)
 
-    def draw(self, name: str) -> None:
-        """Draw the tiles of a layer that changed since they were drawn."""
-        for place, picture in self._tiles[name].take_undrawn():
-            self._canvas.draw_tile(layout.merged(name), place, picture, layout.ORDER_TILES)
+    def draw(self, name: str, *, whole: bool = False) -> None:
+        """Draw the tiles of a layer that are drawn too far off; of a ``whole`` map, off at all."""
+        tiles = self._tiles[name]
+        root, order = layout.merged(name), layout.ORDER_TILES
+        for place, picture in tiles.take_undrawn(whole=whole):
+            self._canvas.draw_tile(root, tiles.tiling, place, picture, order)
 
     def draw_whole(self, snapshot: Snapshot) -> None:
         """Draw a whole map, and write all its values that the recording does not hold whole."""
@@ -74,7 +80,7 @@ class Layers:
         tiles = self._begin(layer.name, layer.kind, snapshot.rule)
         tiles.see_whole(layer.observed)
         tiles.update(layer.geometry.whole, layer.values, layer.probability)
-        self.draw(layer.name)
+        self.draw(layer.name, whole=True)
         self._log.replace(layer.name, tiles.take_stale(), stamp)
         self._log.restart(layer.name, stamp)
 

@@ -87,9 +87,10 @@ _ALONE_OCCUPIED: tuple[Colour, ...] = (
 
 GROUP = 32  # borders or segments that share an entity
 
-_SMALL_TILE = 64
-# Of 128 x 128 cells or fewer, the file's compression still finds a tile's version before.
-_MOST_TILES = 1024
+# Small tiles hold little that a reading did not change, large ones are few: each is an entity. Of
+# 200 x 200 cells or fewer, the file's compression still finds a tile's version before.
+_TILE, _MOST_TILES = 80, 1024
+_RESULTS_TILE = 1024  # what the smallest graphics cards take as one picture
 
 
 def class_colour(name: str, number: int) -> Colour:
@@ -256,6 +257,12 @@ class Tiling:
         """How many tiles lie above each other, and beside each other."""
         return -(-self.geometry.rows // self.side), -(-self.geometry.cols // self.side)
 
+    @property
+    def count(self) -> int:
+        """How many tiles there are."""
+        rows, cols = self.shape
+        return rows * cols
+
     def window(self, row: int, col: int) -> Window:
         """The cells of the tile at ``row``, ``col``."""
         row0, col0 = row * self.side, col * self.side
@@ -268,11 +275,21 @@ class Tiling:
 
 
 def tiling_for(geometry: GridGeometry) -> Tiling:
-    """Tiles of 64 cells, doubled until there are few enough for the viewer to stay quick."""
-    tiling = Tiling(geometry, _SMALL_TILE)
-    while tiling.shape[0] * tiling.shape[1] > _MOST_TILES:
-        tiling = Tiling(geometry, tiling.side * 2)
-    return tiling
+    """Tiles for what readings change: of 80 cells, doubled until they are few; of even sizes."""
+    side, longest = _TILE, max(geometry.shape)
+    while True:
+        tiling = Tiling(geometry, -(-longest // -(-longest // side)))
+        if tiling.count <= _MOST_TILES:
+            return tiling
+        side *= 2
+
+
+def results_tiling_for(geometry: GridGeometry) -> Tiling:
+    """Tiles for what is drawn whole, at whole maps: one, if the grid is not very large."""
+    return Tiling(geometry, min(_RESULTS_TILE, max(geometry.shape)))
+
+
+TILINGS = (tiling_for, results_tiling_for)  # whose sides a recording states, in this order
 
 
 def corner_m(geometry: GridGeometry, window: Window) -> tuple[float, float]:

@@ -8,22 +8,25 @@ beside the picture, never read back from it.
 from __future__ import annotations
 
 import functools
-import io
 import math
+import struct
 import zlib
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
+from mapping.artifacts import MergedGrid, TempGrid
 from mapping.beams import Beam
 from replay.rrd import layout
 
 UNSEEN = 101  # class of a cell that no reading touched; 0 to 100 are per cent
+SLACK = 3.0  # points by which a cell may be drawn off between whole maps
 # Edges, in probability, of how strong a reading's evidence is: the chapter's finest regions give
 # a thousandth, a laser nearly a half.
 STRENGTHS = (0.0, 0.002, 0.01, 0.03, 0.1, 0.2)
 _LEVELS = len(STRENGTHS)
+_PNG, _BITS, _INDEXED = b"\x89PNG\r\n\x1a\n", 4, 3
+_PNG_LEVEL = 6
 
 Named = tuple[int, str, layout.Colour]
 
@@ -53,10 +56,10 @@ def strength_classes(
 
     0 where it is not ``marked``; 1 to 6 more free, 7 to 12 more occupied, each by rising strength.
     """
-    from mapping.kernels import recording
+    from mapping.kernels import loops
 
     edges = np.array(STRENGTHS, difference.dtype)
-    flat = recording.strength_classes(difference.ravel(), marked.ravel(), edges)
+    flat = loops.strength_classes(difference.ravel(), marked.ravel(), edges)
     classes: NDArray[np.uint8] = flat.reshape(difference.shape)
     return classes
 
@@ -77,20 +80,36 @@ def strength_names() -> list[Named]:
     return named
 
 
+def evidence_png(temp: TempGrid, side: int) -> bytes:
+    """The picture of a reading's evidence; see :func:`strength_png`."""
+    return strength_png(strength_classes(temp.probability - 0.5, temp.band | temp.free), side)
+
+
+def change_png(merged: MergedGrid, side: int) -> bytes:
+    """The picture of what a reading changed; see :func:`strength_png`."""
+    difference = merged.probability - merged.previous
+    return strength_png(strength_classes(difference, difference != 0), side)
+
+
 def strength_png(classes: NDArray[np.uint8], side: int) -> bytes:
     """The picture of :func:`strength_classes` (rows, cols), in the colours of their names.
 
-    It has ``side`` rows and columns; what is more than the classes have is transparent. Runs of
-    equal cells are all that is looked for, which takes half the time and comes out smaller.
+    It has ``side`` rows and columns; what is more than the classes have is transparent. The classes
+    are few enough for two cells in a byte: half as much to be packed.
     """
-    square = np.zeros((side, side), np.uint8)
-    square[: classes.shape[0], : classes.shape[1]] = classes
-    picture = Image.frombytes("P", (side, side), square.tobytes())
-    palette, alphas = _strength_palette()
-    picture.putpalette(palette)
-    data = io.BytesIO()
-    picture.save(data, "PNG", transparency=alphas, compress_level=1, compress_type=zlib.Z_RLE)
-    return data.getvalue()
+    from mapping.kernels.recording import packed_rows
+
+    colours, alphas = _strength_palette()
+    head = struct.pack(">IIBBBBB", side, side, _BITS, _INDEXED, 0, 0, 0)
+    pixels = zlib.compress(packed_rows(classes, side), _PNG_LEVEL)
+    chunks = ((b"IHDR", head), (b"PLTE", colours), (b"tRNS", alphas), (b"IDAT", pixels))
+    return b"".join([_PNG, *(_png_chunk(*each) for each in chunks), _png_chunk(b"IEND", b"")])
+
+
+def _png_chunk(kind: bytes, data: bytes) -> bytes:
+    return b"".join([
+        len(data).to_bytes(4), kind, data, zlib.crc32(data, zlib.crc32(kind)).to_bytes(4)
+    ])  # fmt: skip
 
 
 @functools.cache
@@ -118,8 +137,11 @@ def beam_outline(beam: Beam) -> list[NDArray[np.float64]]:
 
 @functools.lru_cache(maxsize=64)
 def _arc(low_rad: float, high_rad: float) -> NDArray[np.float64]:
-    """Unit vectors (N, 2) from one direction to another, close enough to look round."""
-    steps = max(2, math.ceil(math.degrees(high_rad - low_rad) / 3) + 1)
+    """Unit vectors (N, 2) from one direction to another, close enough to look round.
+
+    Between two of them the line lies less than a seven-hundredth of the range inside the arc.
+    """
+    steps = max(2, math.ceil(math.degrees(high_rad - low_rad) / 6) + 1)
     return _polar(np.ones(steps), np.linspace(low_rad, high_rad, steps))
 
 

@@ -12,7 +12,6 @@ import itertools
 import subprocess
 import tempfile
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import Border, Segment, Snapshot
 from mapping.beams import Beam, reach_of_axes
+from mapping.fusion import FUSED
 from mapping.grid import GridGeometry, Window
 from recorder.errors import BadInput
 from recorder.foreign import reading
@@ -28,7 +28,10 @@ from recorder.geometry import SE2
 from replay.rrd import layout
 from replay.rrd.batches import Batches, Row, numbers_of, quiet_reader
 from replay.rrd.claims import check_claims
+from replay.rrd.layout import Tiling
 from replay.rrd.program import viewer_environment, viewer_program
+from replay.rrd.steps import read_steps
+from replay.rrd.tiles import is_made_whole, stored_tilings
 from replay.rrd.value_log.playback import Playback, Tiles
 from replay.rrd.value_log.records import ValueLogError
 from replay.rrd.value_log.track import Track
@@ -36,18 +39,6 @@ from replay.rrd.value_log.track import Track
 Floats = NDArray[np.float64]
 MOST_CELLS = 100_000_000  # of all layers, to be read exactly
 _WHAT = "a Rerun recording"
-
-
-@dataclass(frozen=True, slots=True)
-class Step:
-    """One step: when, which artifact, of which layer, and the layers that are exact at it."""
-
-    step: int
-    reading: int
-    t_ns: int
-    artifact: str
-    layer: str
-    exact: frozenset[str]
 
 
 class RrdRecording:
@@ -60,8 +51,8 @@ class RrdRecording:
         self._file = Batches(file, root, indexed=not damaged)
         self._playing: dict[str, Playback] = {}
         self.config_text = self._file.one_text(layout.CONFIG, "TextDocument:text")
-        self.geometry, self.layers, self.walls_m = self._read_grid()
-        self.steps = self._read_steps()
+        self.geometry, self.layers, self.walls_m, self._tilings = self._read_grid()
+        self.steps = read_steps(self._file)
         self._by_number = {step.step: step for step in self.steps}
 
     def grid(self, layer: str, step: int | None = None) -> NDArray[np.float32]:
@@ -219,7 +210,7 @@ class RrdRecording:
         self, root: str, component: str, step: int | None
     ) -> Iterator[tuple[Window, Row]]:
         """The newest version of each tile up to a step, with where it lies in the grid."""
-        windows = self._windows(root)
+        windows = self._windows(root, component)
         newest: dict[str, Row] = {}
         for batch_entity, batch in self._file.batches_by_entity(f"{root}/**", component):
             if batch_entity not in windows:
@@ -237,7 +228,7 @@ class RrdRecording:
         self, root: str, component: str, *, after: int = -1
     ) -> Iterator[tuple[int, Tiles]]:
         """The tiles that each step wrote, in the order of the steps."""
-        windows = self._windows(root)
+        windows = self._windows(root, component)
         firsts = [
             int(batch.column(layout.STEP)[0].as_py())
             for _, batch in self._file.batches_by_entity(f"{root}/**", component)
@@ -256,8 +247,10 @@ class RrdRecording:
             for step in sorted(each for each in waiting if each < horizon):
                 yield step, waiting.pop(step)
 
-    def _windows(self, root: str) -> dict[str, Window]:
-        tiling = layout.tiling_for(self.geometry)
+    def _windows(self, root: str, component: str) -> dict[str, Window]:
+        """Where the tiles of exact ``values`` lie, or those of pictures."""
+        whole = root == layout.merged(FUSED) and is_made_whole(FUSED, self.layers)
+        tiling = self._tilings[whole or component != "values"]
         return {layout.tile(root, *at): tiling.window(*at) for at in tiling}
 
     def _beam(self, batch: pa.RecordBatch, i: int) -> Beam:
@@ -276,7 +269,9 @@ class RrdRecording:
             reach_m=reach_of_axes(np.array(reach_m, np.float64)),
         )
 
-    def _read_grid(self) -> tuple[GridGeometry, tuple[str, ...], Floats]:
+    def _read_grid(
+        self,
+    ) -> tuple[GridGeometry, tuple[str, ...], Floats, tuple[Tiling, Tiling]]:
         batches = self._file.batches(layout.GRID, "where_m", whole=True)
         if not batches:
             several = ", ".join(_map_names(self._file.file)) if not self._file.root else ""
@@ -290,20 +285,11 @@ class RrdRecording:
         walls = np.zeros((0, 2, 2))
         if "walls_m" in batches[0].schema.names:
             walls = numbers_of(batches[0], "walls_m", 0).reshape(-1, 2, 2)
-        return GridGeometry((x, y), cell, rows, cols), layers, walls
-
-    def _read_steps(self) -> list[Step]:
-        steps = []
-        for batch in self._file.batches(layout.STEPS, "artifact", whole=True):
-            columns = [batch.column(name).to_pylist() for name in ("artifact", "layer", "exact")]
-            numbers = [batch.column(name).to_numpy() for name in (layout.STEP, layout.READING)]
-            times = batch.column(layout.TIME).cast(pa.int64()).to_numpy()
-            for (artifact,), (layer,), exact, step, number, t_ns in zip(
-                *columns, *numbers, times, strict=True
-            ):
-                names = frozenset(exact or ())
-                steps.append(Step(int(step), int(number), int(t_ns), artifact, layer, names))
-        return sorted(steps, key=lambda each: each.step)
+        geometry = GridGeometry((x, y), cell, rows, cols)
+        sides: list[int] = []
+        if "tile_cells" in batches[0].schema.names:
+            sides = batches[0].column("tile_cells")[0].as_py()
+        return geometry, layers, walls, stored_tilings(geometry, sides)
 
 
 def read_rrd(path: str | Path, name: str = "") -> RrdRecording:

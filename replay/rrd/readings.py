@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Callable
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +13,16 @@ from mapping.artifacts import MergedGrid, TempGrid
 from mapping.beams import Beam
 from mapping.grid import Window
 from replay.rrd import columns, layout, scene
+from replay.rrd.background import done
 from replay.rrd.canvas import Canvas
 from replay.rrd.columns import BeamRecord, Patch
-from replay.rrd.pictures import beam_outline, strength_classes, strength_png
+from replay.rrd.pictures import beam_outline, change_png, evidence_png, strength_png
 
 _ARROW_SHARE = 0.05  # of the grid's diagonal: long enough to be seen, whatever the grid
 _NO_STRIPS: list[NDArray[np.float64]] = []
 _SMALLEST_SIDE = 32  # of a patch, in cells
+_PACKED = 32  # cells in a byte of a picture, at least
+T = TypeVar("T")
 
 
 def draw_beam(canvas: Canvas, beam: Beam) -> None:
@@ -43,27 +48,29 @@ def draw_temp(canvas: Canvas, temp: TempGrid) -> None:
     """The evidence of the reading, as a patch over the map."""
     if temp.window.empty:
         return
-    classes = strength_classes(temp.probability - 0.5, temp.band | temp.free)
-    _draw_patch(canvas, layout.temp(temp.beam.layer), temp.window, classes)
+    _draw_patch(canvas, layout.temp(temp.beam.layer), temp.window, evidence_png, temp)
 
 
 def draw_change(canvas: Canvas, merged: MergedGrid) -> None:
     """The difference that the reading made, as a patch for the views that show it."""
     if merged.window.empty:
         return
-    difference = merged.probability - merged.previous
-    classes = strength_classes(difference, difference != 0)
-    _draw_patch(canvas, layout.change(merged.layer), merged.window, classes)
+    _draw_patch(canvas, layout.change(merged.layer), merged.window, change_png, merged)
 
 
-def _draw_patch(canvas: Canvas, entity: str, window: Window, classes: NDArray[np.uint8]) -> None:
-    """Draw classes; of the size that their window needs, which the entity's others have, too."""
+def _draw_patch(
+    canvas: Canvas, entity: str, window: Window, png: Callable[[T, int], bytes], of: T
+) -> None:
+    """Draw a picture; of the size that its window needs, which the entity's others have, too."""
     side = _side_for(max(window.rows, window.cols))
     sized = layout.sized(entity, side)
     canvas.prepare(sized, scene.set_up_patches)
     corner = layout.corner_m(canvas.geometry, window)
-    patch = Patch(corner, canvas.geometry.resolution_m, strength_png(classes, side))
-    canvas.add_for_now(sized, columns.patches, patch, _nothing(canvas, side), len(patch.png))
+    picture = canvas.rows.background.do(png, of, side)
+    patch = Patch(corner, canvas.geometry.resolution_m, picture)
+    canvas.add_for_now(
+        sized, columns.patches, patch, _nothing(canvas, side), side * side // _PACKED
+    )
 
 
 def _side_for(cells: int) -> int:
@@ -77,7 +84,7 @@ def _side_for(cells: int) -> int:
 def _nothing(canvas: Canvas, side: int) -> Patch:
     """A clear picture, so small that nobody points at it by chance."""
     geometry = canvas.geometry
-    return Patch(geometry.origin_m, geometry.resolution_m / 1000.0, _clear_png(side))
+    return Patch(geometry.origin_m, geometry.resolution_m / 1000.0, done(_clear_png(side)))
 
 
 @functools.cache

@@ -14,7 +14,7 @@ from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
 from mapping.probing import CellProbe
 from replay.probe_text import name_of
-from replay.rrd import columns, layout, readings, scene
+from replay.rrd import columns, layout, properties, readings, scene
 from replay.rrd.blueprints import default_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.display_layers import DisplayOverlay
@@ -24,6 +24,7 @@ from replay.rrd.prediction import PredictionOverlay
 from replay.rrd.probe import ProbeOverlay
 from replay.rrd.results import Results
 from replay.rrd.sink import RowBuffer, Sink, Stamp
+from replay.rrd.steps import StepList
 from replay.rrd.thinning import Detail
 from replay.rrd.thresholds import ThresholdsOverlay
 
@@ -69,9 +70,11 @@ class RunDrawer:
         assert isinstance(first, Started)
         self._started = first
         self.canvas = Canvas(sink, first.geometry, Stamp(0, 0, first.first_t_ns))
-        self._layers = Layers(self.canvas)
+        self._steps = StepList(self.canvas.rows)
+        self._layers = Layers(self.canvas, first.layers)
         self._results = Results(self.canvas, self._layers)
         scene.set_up(sink, first, self._config_text)
+        properties.note_start(sink, first, self._config_text)
         for name in first.layers:
             self._layers.set_up(name)
         for overlay in self._overlays:
@@ -108,6 +111,7 @@ class RunDrawer:
                     readings.draw_change(canvas, artifact)
             case Finished():
                 texts.append(detail.left_out)
+                properties.note_end(canvas.sink, artifact)
             case _:
                 canvas.wipe()
                 self._results.draw(artifact)
@@ -143,8 +147,8 @@ class RunDrawer:
         if self._explain:
             text = "\n\n".join([describe(artifact), *filter(None, more)])
             self.canvas.add(layout.EXPLANATION, columns.texts, text, len(text))
-        record = columns.StepRecord(type(artifact).__name__, layer_of(artifact), self._layers.exact)
-        self.canvas.add(layout.STEPS, columns.step_records, record)
+        kind, stamp = type(artifact).__name__, self.canvas.stamp
+        self._steps.add(stamp, kind, layer_of(artifact), self._layers.exact)
 
 
 def configured_drawer(config: MappingConfig, probes: Sequence[CellProbe] = ()) -> RunDrawer:

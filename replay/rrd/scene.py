@@ -34,6 +34,7 @@ def set_up(sink: Sink, started: Started, config_text: str) -> None:
     sink.log(layout.GRID, rr.AnyValues(
         where_m=where, shape=np.array(geometry.shape, np.int64), layers=list(started.layers),
         walls_m=started.walls_m.astype(np.float64).ravel(),
+        tile_cells=np.array([tiling_for(geometry).side for tiling_for in layout.TILINGS], np.int64),
     ))  # fmt: skip
     if len(started.walls_m):
         walls = rr.LineStrips2D(

@@ -16,6 +16,7 @@ import numpy as np
 import rerun as rr
 
 from replay.rrd import layout
+from replay.rrd.background import Background
 
 APPLICATION = "echogrid"
 
@@ -73,11 +74,12 @@ class RowBuffer:
     """Rows by entity and pack, until they are sent.
 
     ``bytes`` is roughly what waits, ``chunks`` how many were sent; ``exact_bytes`` is what exact
-    values took of all that was ever added.
+    values took of all that was ever added; ``background`` makes what is added in a while.
     """
 
     def __init__(self, sink: Sink) -> None:
         self._sink = sink
+        self.background = Background()
         self._rows: dict[tuple[str, Pack], tuple[list[Stamp], list[Any]]] = {}
         self._before_sending: list[Callable[[], None]] = []
         self.bytes = 0

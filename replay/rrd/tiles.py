@@ -6,20 +6,43 @@ that readings left out of the recording still count.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypeVar
 
 import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from mapping.grid import Window
+from mapping.fusion import FUSED
+from mapping.grid import GridGeometry, Window
 from mapping.update_rules import UpdateRule, rule_of
 from replay.rrd.layout import Place, Tiling
-from replay.rrd.pictures import UNSEEN, percent_classes
+from replay.rrd.pictures import SLACK, UNSEEN
 
 _CODEC = pa.Codec("lz4_raw")  # as the file packs
 _TRIED_TILES = 16
+_OLDER_TILE, _MOST_OLDER_TILES = 64, 1024
+_MOST_TILES = 65_536
 T = TypeVar("T", bound=np.generic)
+
+
+def stored_tilings(geometry: GridGeometry, sides: Sequence[int]) -> tuple[Tiling, Tiling]:
+    """How a recording's values and its pictures are cut, by the sides that it states.
+
+    Older ones state none. Raises ValueError for more tiles than there ever are.
+    """
+    older = Tiling(geometry, _OLDER_TILE)
+    while older.count > _MOST_OLDER_TILES:
+        older = Tiling(geometry, older.side * 2)
+    values, pictures = (Tiling(geometry, max(int(side), 1)) for side in sides or [older.side] * 2)
+    if max(values.count, pictures.count) > _MOST_TILES:
+        raise ValueError(f"a map in {values.count} tiles")
+    return values, pictures
+
+
+def is_made_whole(layer: str, layers: Sequence[str]) -> bool:
+    """Whether a layer of a run comes from other layers, whole, and not from readings."""
+    return layer == FUSED and len(layers) > 1
 
 
 class LayerTiles:
@@ -34,6 +57,7 @@ class LayerTiles:
         self.tiling = tiling
         self.values: NDArray[np.float32] = np.zeros(shape, np.float32)
         self.picture: NDArray[np.uint8] = np.full(shape, UNSEEN, np.uint8)
+        self._drawn = self.picture.copy()
         self.observed: NDArray[np.bool_] = np.zeros(shape, bool)
         self._undrawn, self._inexact, self._stale = (np.zeros(tiling.shape, bool) for _ in range(3))
         self._begun = False
@@ -75,14 +99,21 @@ class LayerTiles:
         before = self.values[part].max(initial=0.0) if self._rule else 0.0
         # Compared as bits: NaN equals itself, and 0.0 is not -0.0.
         self._take(self.values.view(np.uint32), new.view(np.uint32), window, self._inexact)
-        shades = percent_classes(probability, self.observed[part])
-        self._take(self.picture, shades, window, self._undrawn)
+        self._shade(probability, window)
         if self._rule is not None:
             self._follow_largest(self._rule, float(new.max(initial=0.0)), float(before))
 
-    def take_undrawn(self) -> list[tuple[Place, NDArray[np.uint8]]]:
-        """Tiles whose picture changed since last asked: place and a copy of the picture."""
-        return [(p, self._cut(self.picture, p)) for p in _emptied(self._undrawn)]
+    def take_undrawn(self, *, whole: bool = False) -> list[tuple[Place, NDArray[np.uint8]]]:
+        """Tiles that are drawn too far off: place and a copy of the picture.
+
+        As a ``whole`` map all that are off at all, by so little as none would see.
+        """
+        marked = self._differing() if whole else self._undrawn
+        tiles = [(place, self._cut(self.picture, place)) for place in _emptied(marked)]
+        self._undrawn[:] = False
+        for place, picture in tiles:
+            self._drawn[self.tiling.window(*place).slices] = picture
+        return tiles
 
     def take_inexact(self) -> list[tuple[Place, NDArray[np.float32]]]:
         """Tiles whose values the file lacks: place and a copy of the values."""
@@ -119,9 +150,26 @@ class LayerTiles:
         self, grid: NDArray[T], new: NDArray[T], window: Window, differing: NDArray[np.bool_]
     ) -> None:
         """Write a window's new numbers into a grid; mark the tiles where one became another."""
-        from mapping.kernels.recording import take
+        from mapping.kernels.loops import take
 
         take(grid, new, window.row0, window.col0, self.tiling.side, differing)
+
+    def _shade(self, probability: NDArray[np.float32], window: Window) -> None:
+        """Take the window's new shades; mark the tiles that are drawn too far off."""
+        from mapping.kernels.recording import shade
+
+        shade(
+            np.ascontiguousarray(probability, np.float32), self.observed, self.picture, self._drawn,
+            window.row0, window.col0, self.tiling.side, UNSEEN, SLACK, self._undrawn,
+        )  # fmt: skip
+
+    def _differing(self) -> NDArray[np.bool_]:
+        """The tiles whose picture is not as it was drawn last, in any cell."""
+        differing = np.zeros(self.tiling.shape, bool)
+        for place in self.tiling:
+            part = self.tiling.window(*place).slices
+            differing[place] = not np.array_equal(self.picture[part], self._drawn[part])
+        return differing
 
     def _follow_largest(self, rule: UpdateRule, now: float, before: float) -> None:
         """Draw all cells anew when the largest value of the whole map is another one."""
@@ -134,8 +182,7 @@ class LayerTiles:
             part = self._seen.slices
             values = self.values[part].astype(np.float64)
             shares = rule.probability_of_values(values, self._largest, {})
-            picture = percent_classes(shares.astype(np.float32), self.observed[part])
-            self._take(self.picture, picture, self._seen, self._undrawn)
+            self._shade(shares.astype(np.float32), self._seen)
 
     def _cut(self, grid: NDArray[T], place: Place) -> NDArray[T]:
         return grid[self.tiling.window(*place).slices].copy()

@@ -14,9 +14,11 @@ import http.server
 import re
 import threading
 import urllib.parse
+from collections.abc import Sequence
 from http import HTTPStatus
 from pathlib import Path
 
+from replay.rrd.catalogue import Catalogue, can_be_served
 from replay.rrd.program import LOCAL
 from replay.rrd.viewer_process import ViewerProcess
 
@@ -42,29 +44,31 @@ def _host_of(header: str) -> str | None:
 class WebViewer(contextlib.AbstractContextManager["WebViewer"]):
     """Serve one recording to a browser; ``url`` is the page. Use it as a context.
 
-    Without a recording it waits for what is logged to ``source``.
+    Of a recording that was ended properly the page fetches what it shows, from a catalogue; another
+    it takes in whole. Instead of a file it may show what is at ``source``, a catalogue's address;
+    without either it waits for what is logged to ``source``.
 
     Raises BadInput when the server does not start.
     """
 
-    def __init__(self, path: str | Path | None = None) -> None:
-        files = [] if path is None else [str(path)]
-        self._viewer = ViewerProcess(
-            lambda ports: [
-                "--serve-web", "--port", str(ports[0]), "--web-viewer-port", str(ports[1]),
-                "--cors-allow-origin", f"http://{LOCAL}:*", *files,
-            ], 2, own_session=path is None,  # Ctrl-C ends what logs to it, not the page
-        )  # fmt: skip
-        data_port, page_port = self._viewer.ports
-        try:
+    def __init__(self, path: str | Path | None = None, *, source: str = "") -> None:
+        with contextlib.ExitStack() as ends:
+            if path is not None and can_be_served(Path(path)):
+                catalogue = ends.enter_context(Catalogue([Path(path)]))
+                catalogue.lay_out_as(Path(path))
+                source = catalogue.first_url
+            files = [] if path is None or source else [str(path)]
+            self._viewer = _page_server(source, files)
+            ends.callback(self._viewer.stop)
+            page_port = self._viewer.ports[0]
+            self.source = source or f"rerun+http://{LOCAL}:{self._viewer.ports[1]}/proxy"
             self._door = _Door((LOCAL, 0), page_port)
-        except BaseException:
-            self._viewer.stop()
-            raise
-        threading.Thread(target=self._door.serve_forever, daemon=True).start()
-        self.source = f"rerun+http://{LOCAL}:{data_port}/proxy"
-        quoted = urllib.parse.quote(self.source, safe="")
-        self.url = f"http://{LOCAL}:{self._door.server_port}/?url={quoted}"
+            threading.Thread(target=self._door.serve_forever, daemon=True).start()
+            ends.callback(self._door.server_close)
+            ends.callback(self._door.shutdown)
+            quoted = urllib.parse.quote(self.source, safe="")
+            self.url = f"http://{LOCAL}:{self._door.server_port}/?url={quoted}"
+            self._ends = ends.pop_all()
 
     def __exit__(self, *_: object) -> None:
         self.stop()
@@ -74,10 +78,22 @@ class WebViewer(contextlib.AbstractContextManager["WebViewer"]):
         self._viewer.wait()
 
     def stop(self) -> None:
-        """End both servers."""
-        self._door.shutdown()
-        self._door.server_close()
-        self._viewer.stop()
+        """End all servers."""
+        self._ends.close()
+
+
+def _page_server(source: str, files: Sequence[str]) -> ViewerProcess:
+    """The viewer's server of the page; unless there is a ``source``, also of what is shown."""
+    if source:
+        return ViewerProcess(
+            lambda ports: ["--serve-web", "--web-viewer-port", str(ports[0]), source], 1
+        )
+    return ViewerProcess(
+        lambda ports: [
+            "--serve-web", "--web-viewer-port", str(ports[0]), "--port", str(ports[1]),
+            "--cors-allow-origin", f"http://{LOCAL}:*", *files,
+        ], 2, own_session=not files,  # Ctrl-C ends what logs to it, not the page
+    )  # fmt: skip
 
 
 class _Door(http.server.ThreadingHTTPServer):

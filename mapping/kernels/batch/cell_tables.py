@@ -1,4 +1,4 @@
-"""What ``cellwise`` knows of a sensor, as tables. This file does not load numba."""
+"""What ``cellwise`` and ``sums`` know of sensors and rules. This file does not load numba."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 MODELS = ("regions", "peak", "fading")
+SUM, MASSES, EVIDENCE = range(3)  # the rules of `cellwise`
+SATURATING, POOLED = range(2)  # the rules of `sums`
 KINDS = ("none", "constant", "linear", "combined")
 (HALF_WIDTH, MODEL, EMPTINESS, HIT, MISS, NEAR, FADE, P_HIT, P_MISS, A_MAX, Q_MAX) = range(11)
 

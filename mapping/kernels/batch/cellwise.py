@@ -1,4 +1,5 @@
-"""Rules that need each cell's probability itself: `sum` and Dempster-Shafer, many readings at once.
+"""Rules that need each cell's probability itself: `sum`, Dempster-Shafer, and `saturating` with
+the chapter's models: many readings at once.
 
 Cell by cell in float64, with the very formulas and the order of one reading after the other.
 """
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from mapping.kernels.batch.cell_tables import (
     A_MAX,
     EMPTINESS,
+    EVIDENCE,
     FADE,
     HALF_WIDTH,
     HIT,
@@ -23,6 +25,7 @@ from mapping.kernels.batch.cell_tables import (
     P_HIT,
     P_MISS,
     Q_MAX,
+    SUM,
 )  # fmt: skip
 from mapping.kernels.batch.fading import NEAR_M
 from mapping.kernels.batch.lanes import free_loop, loop
@@ -45,7 +48,7 @@ from mapping.kernels.batch.spans import (
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-SUM, MASSES = range(2)  # the rules
+_ONE, _CLAMP = 2.0**24, 13.8  # steps in evidence of 1, and the most of one reading
 _FLOOR = 1e-6  # Dempster-Shafer: the mass that stays unknown
 
 
@@ -111,6 +114,17 @@ def _combine(cells: Floats, row: int, col: int, p: float) -> None:
 
 
 @loop
+def _add_evidence(cells: Floats, row: int, col: int, p: float) -> None:
+    """`saturating`: whole steps of log-odds to what is for the cell, or to what is against it."""
+    log_odds = math.log(p) - math.log1p(-p)
+    steps = np.rint(min(max(log_odds, -_CLAMP), _CLAMP) * _ONE) / _ONE
+    if steps > 0.0:
+        cells[0, row, col] += steps
+    else:
+        cells[1, row, col] -= steps
+
+
+@loop
 def _floored(occupied: float, empty: float, unknown: float) -> tuple[float, float, float]:
     """Keep a little mass unknown; the three still add up to 1."""
     unknown = max(unknown, _FLOOR)
@@ -127,6 +141,8 @@ def _merge(
         observed[row, col] = True
     if rule == SUM:
         cells[0, row, col] += 2.0 * p - 1.0
+    elif rule == EVIDENCE:
+        _add_evidence(cells, row, col, p)
     elif p != 0.5:
         _combine(cells, row, col, p)
 
@@ -161,8 +177,8 @@ def add_cellwise(
     """Add readings, in their order, to the rows part, part + parts, ... of a map.
 
     ``cells`` (K, rows, cols) is the rule's: the sum alone (SUM), or the masses occupied, empty,
-    unknown and the conflict (MASSES). ``observed`` (rows, cols) gets the cells of which anything
-    was said. The tables of S sensors are those of ``cell_tables``.
+    unknown and the conflict (MASSES), or evidence for and against (EVIDENCE). ``observed`` (rows,
+    cols) gets the cells with any evidence. The tables of S sensors are those of ``cell_tables``.
     """
     rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.kernels.batch.lanes import free_loop, inlined_loop, loop
-from mapping.kernels.batch.readings import Place, Readings
+from mapping.kernels.batch.readings import BINARY, COUNT, Place, Readings
 from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
 from mapping.kernels.batch.spans import (
     BAND,
@@ -31,7 +31,6 @@ Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
 HALF_WIDTH, WITH_FREE = range(2)  # columns of the table of sensors
-COUNT, BINARY, NOTHING = range(3)  # what a cell in the band gains: 1, being 1, nothing
 
 
 @inlined_loop

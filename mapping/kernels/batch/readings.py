@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+COUNT, BINARY, NOTHING = range(3)  # what a cell in the band gains: 1, being 1, nothing
 
 
 class Readings(NamedTuple):

@@ -1,7 +1,7 @@
 """Log-odds as whole numbers: steps of 2^-24 in int32, clamped at 13.8, and rows of whole groups.
 
 Sums of integers are the same in any order and any number of parts, as long as no cell reached its
-clamp on the way.
+clamp on the way. This file does not load numba.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mapping.kernels.batch.lanes import free_loop
 
 Steps = NDArray[np.int32]
 Floats = NDArray[np.float64]
@@ -38,14 +36,3 @@ def log_odds_of(cells: Steps, cols: int) -> Floats:
     """Steps → log-odds, (rows, cols)."""
     log_odds: Floats = cells[:, :cols] / ONE
     return log_odds
-
-
-@free_loop
-def add_steps(cells: Steps, added: Steps) -> None:
-    """Add the steps of one reading, (rows, cols), to a window of the map; sums are clamped."""
-    rows, cols = added.shape
-    for row in range(rows):
-        for col in range(cols):
-            total = np.int32(cells[row, col] + added[row, col])
-            total = total if total < HIGHEST else HIGHEST
-            cells[row, col] = total if total > LOWEST else LOWEST

@@ -22,8 +22,9 @@ from matplotlib.patches import Polygon, Rectangle
 from matplotlib.ticker import MaxNLocator
 
 from replay.pictures import style
+from replay.pictures.drawing.charts import draw_chart
 from replay.pictures.drawing.marks import draw_mark
-from replay.pictures.parts import Page, Panel
+from replay.pictures.parts import Chart, Page, Panel
 from replay.pictures.placing import Measure, Place, Placed, PlacedKey, PlacedText, place
 
 _INCH_PT = 72.0
@@ -43,8 +44,14 @@ def page_bytes(page: Page, form: str) -> bytes:
         figure.set_size_inches(placed.width, placed.height)
         for number, (panel, spot) in enumerate(zip(page.panels, placed.panels, strict=True)):
             axes = figure.add_axes(_fractions(spot, placed))
-            _draw_panel(axes, panel)
-            _label_axes(axes, number, len(page.panels), placed.columns)
+            if isinstance(panel, Chart):
+                draw_chart(axes, panel)
+            else:
+                _draw_panel(axes, panel)
+                if panel.in_metres:
+                    _label_axes(axes, number, len(page.panels), placed.columns)
+                else:
+                    axes.set(xticks=[], yticks=[])
         for text in placed.texts:
             _draw_text(figure, placed, text)
         for key in placed.keys:
@@ -72,7 +79,7 @@ def _own_style() -> Iterator[None]:
 
 def _metadata(page: Page, form: str) -> dict[str, Any]:
     described = {"png": "Description", "svg": "Description", "pdf": "Subject"}[form]
-    return {**_NO_DATES[form], "Title": page.title, described: page.caption}
+    return {**_NO_DATES[form], "Title": page.named or page.title, described: page.caption}
 
 
 def _measure(figure: Figure) -> Measure:

@@ -20,7 +20,7 @@ Flags = NDArray[np.bool_]
 Integers = NDArray[np.int64]
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def covered_cells(
     free: Flags, band: Flags, others: Flags, row0: int, col0: int, grid_cols: int
 ) -> tuple[Integers, Integers, int, int]:
@@ -53,7 +53,7 @@ def covered_cells(
     return cells, inner, in_front, in_band
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def some_of(free: Flags, most: int) -> Integers:
     """About ``most`` of the cells marked in a window, evenly, as flat indices into it; 0: all."""
     marked = free.ravel()
@@ -72,7 +72,7 @@ def some_of(free: Flags, most: int) -> Integers:
     return chosen
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def distances_m(
     cells: Integers, grid_cols: int, size_m: float, to_x_m: float, to_y_m: float
 ) -> Floats:
@@ -92,7 +92,7 @@ def distances_m(
     return distances
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def factor_at(cubics: Floats, spacing_m: float, distance: float) -> float:
     """A table's factor, of its cubics (K, 4), at a distance; 1 beyond its end."""
     at = distance / spacing_m - 1.0
@@ -104,7 +104,7 @@ def factor_at(cubics: Floats, spacing_m: float, distance: float) -> float:
     return factor
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def share_fitting(
     cubics: Floats, spacing_m: float, distances: Floats, factors: Floats, tolerance: float
 ) -> float:
@@ -116,13 +116,13 @@ def share_fitting(
     return fitting / distances.size
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def odds_of(value: float, is_odds: bool) -> float:
     """The odds that a layer's value stands for."""
     return value if is_odds else value / (1.0 - value)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def front_factors(cubics: Floats, spacing_m: float, distances: Floats) -> Floats:
     """A table's factors at distances (N,)."""
     factors = np.empty(distances.size)
@@ -131,7 +131,7 @@ def front_factors(cubics: Floats, spacing_m: float, distances: Floats) -> Floats
     return factors
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def predict(
     cells: Integers, front_factors: Floats, band_factors: Floats, odds: Floats, values: Singles,
     is_odds: bool, largest: float,
@@ -161,7 +161,7 @@ def predict(
     return after, predicted
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", nogil=True)
 def settle(
     cells: Integers, after: Floats, predicted: Singles, missed: Integers, true: Singles,
     distance_bits: Integers, odds: Floats, values: Singles, is_odds: bool,

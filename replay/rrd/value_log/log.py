@@ -6,6 +6,7 @@ of its layer that is. Records of a layer come in their order, so those behind it
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -43,12 +44,17 @@ class _LayerLog:
 
 
 class ValueLog:
-    """Logs what readings do to the layers of one grid; ``rows`` take the records."""
+    """Logs what readings do to the layers of one grid; ``rows`` take the records.
+
+    The encoders run in the background; what they made is picked up before rows are sent.
+    """
 
     def __init__(self, rows: RowBuffer, tiling: Tiling) -> None:
         self._rows, self._tiling = rows, tiling
         self._logs: dict[str, _LayerLog] = {}
-        rows.before_sending(self._drain)
+        self._undated: set[str] = set()
+        self._records: deque[tuple[str, Stamp, bytes]] = deque()
+        rows.before_sending(self._finish)
 
     def append(
         self, merged: MergedGrid, temp: TempGrid | None, stamp: Stamp, *, shown: bool
@@ -58,6 +64,56 @@ class ValueLog:
         All that the layer held before must be in the file. ``temp`` is its evidence, where it is at
         hand. One that is not ``shown`` has no step of its own.
         """
+        self._note(merged.layer, dated=shown)
+        if temp is not None and temp.beam is not merged.beam:
+            temp = None
+        self._rows.background.do(self._append, merged, temp, stamp, shown)
+        self._collect()
+
+    def replace(
+        self, name: str, tiles: Sequence[tuple[layout.Place, NDArray[np.float32]]], stamp: Stamp
+    ) -> None:
+        """Write whole tiles of a layer; readings after them are logged from there."""
+        if not tiles:
+            return
+        self._note(name, dated=True)
+        for place, values in tiles:
+            entity = layout.tile(layout.merged(name), *place)
+            self._rows.add_exact(entity, columns.float32_values, stamp, values, values.nbytes)
+        self._rows.background.do(self._replace, name, tiles, stamp)
+
+    def restart(self, name: str, stamp: Stamp) -> None:
+        """The file holds the whole layer at this step: the log begins anew after it."""
+        self._note(name, dated=True)
+        self._rows.background.do(self._restart, name, stamp)
+
+    def is_complete(self, name: str) -> bool:
+        """Whether the records up to the current step hold all that readings did to a layer."""
+        return name not in self._undated
+
+    def _note(self, name: str, *, dated: bool) -> None:
+        if dated:
+            self._undated.discard(name)
+        else:
+            self._undated.add(name)
+
+    def _collect(self) -> None:
+        """Hand on the records that are ready."""
+        while self._records:
+            name, stamp, record = self._records.popleft()
+            self._rows.add_exact(
+                layout.value_log(name), columns.log_records, stamp, record, len(record)
+            )
+
+    def _finish(self) -> None:
+        """Hand on all records, also those that the encoders held back."""
+        self._rows.background.do(self._drain)
+        self._rows.background.wait()
+        self._collect()
+
+    # What follows runs in the background, in the order of the calls.
+
+    def _append(self, merged: MergedGrid, temp: TempGrid | None, stamp: Stamp, shown: bool) -> None:
         name = merged.layer
         if name not in self._logs:
             rule = rule_of(merged.kind, merged.rule)
@@ -70,47 +126,34 @@ class ValueLog:
             log.date(stamp)
         else:
             log.undated.append(due)
-        if temp is not None and temp.beam is not merged.beam:
-            temp = None
         log.waiting += log.encoder.add(merged.window, merged.values, temp, due)
-        self._write(name)
+        self._take_ready(name)
 
-    def replace(
+    def _replace(
         self, name: str, tiles: Sequence[tuple[layout.Place, NDArray[np.float32]]], stamp: Stamp
     ) -> None:
-        """Write whole tiles of a layer; readings after them are logged from there."""
-        log = self._logs.get(name)
-        if log is not None and tiles:
-            log.date(stamp)
-            self._drain()
+        if name not in self._logs:
+            return
+        self._logs[name].date(stamp)
+        self._drain()
         for place, values in tiles:
-            entity = layout.tile(layout.merged(name), *place)
-            self._rows.add_exact(entity, columns.float32_values, stamp, values, values.nbytes)
-            if log is not None:
-                log.encoder.replace(self._tiling.window(*place), values)
+            self._logs[name].encoder.replace(self._tiling.window(*place), values)
 
-    def restart(self, name: str, stamp: Stamp) -> None:
-        """The file holds the whole layer at this step: the log begins anew after it."""
+    def _restart(self, name: str, stamp: Stamp) -> None:
         if name in self._logs:
             self._logs[name].date(stamp)
             self._drain()
             self._logs[name].encoder.restart()
 
-    def is_complete(self, name: str) -> bool:
-        """Whether the records up to the current step hold all that readings did to a layer."""
-        return name not in self._logs or not self._logs[name].undated
-
     def _drain(self) -> None:
-        """Write what the encoders hold back."""
+        """Take what the encoders hold back."""
         for name, log in self._logs.items():
             log.waiting += log.encoder.drain()
-            self._write(name)
+            self._take_ready(name)
 
-    def _write(self, name: str) -> None:
-        """Write the records of a layer whose step is known; those after one that is not wait."""
+    def _take_ready(self, name: str) -> None:
+        """Records of a layer whose step is known; those after one that is not wait."""
         waiting = self._logs[name].waiting
         while waiting and (stamp := waiting[0][0].stamp) is not None:
             _, record = waiting.pop(0)
-            self._rows.add_exact(
-                layout.value_log(name), columns.log_records, stamp, record, len(record)
-            )
+            self._records.append((name, stamp, record))

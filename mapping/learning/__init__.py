@@ -1,0 +1,1 @@
+"""What can be learned of sensors: from rooms with known walls, or from a session itself."""

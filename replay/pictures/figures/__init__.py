@@ -1,0 +1,1 @@
+"""Every figure of the lecture chapter, drawn again from any session."""
