@@ -86,8 +86,9 @@ def _off(value: float, by: float) -> Check:
 
 PLANTED = (
     Planted("none", lambda seed: SOUND, ""),
-    Planted("pose 50 to 200 ms late or early", lambda seed: replace(SOUND, pose_delay_s=_delay(seed)),
-            "pose-time", lambda s, seed: _off(-_delay(seed), TEN_MS)(s)),
+    Planted("pose 50 to 200 ms late or early",
+            lambda seed: replace(SOUND, pose_delay_s=_delay(seed)), "pose-time",
+            lambda s, seed: _off(-_delay(seed), TEN_MS)(s)),
     Planted("infrared turned 2 to 15 degrees",
             lambda seed: _sensor("dirrs", mount=SE2(0.0, 0.0, _yaw(seed))),
             "mount", lambda s, seed: s.unit == "rad" and _off(_yaw(seed), ONE_DEG)(s)),

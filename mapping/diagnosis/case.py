@@ -153,10 +153,18 @@ def _as_usual(sensor: Sensor) -> Sensor:
         key: value for key, value in usual.items()
         if key in Sensor.__slots__ and key not in _OF_THE_SESSION
     }  # fmt: skip
-    return replace(sensor, **known, layer=sensor.name)
+    return replace(sensor, **known, update="bayes", layer=sensor.name)
 
 
-_OF_THE_SESSION = ("mount", "min_range_m", "max_range_m", "no_echo", "layer", "clear_to_m")
+_OF_THE_SESSION = (
+    "update",
+    "mount",
+    "min_range_m",
+    "max_range_m",
+    "no_echo",
+    "layer",
+    "clear_to_m",
+)
 
 
 def _thinned(readings: Readings) -> Readings:

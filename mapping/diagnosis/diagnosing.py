@@ -15,7 +15,7 @@ from mapping.diagnosis.causes.silence import stuck_readings
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.diagnosis.patches import NO_FAULT
 from mapping.diagnosis.search import Found, search
-from mapping.placed_session import HasBlocks, place_session
+from mapping.placed_session import HasBlocks, PlacedSession, place_session
 from mapping.scoring.held_out import Gain
 
 
@@ -49,7 +49,7 @@ def diagnose(
     """What is wrong with a session. Raises BadInput where it cannot be mapped at all."""
     placed = place_session(session, config)
     case = case_of(placed, config, threads=threads)
-    evidence = Evidence(case, list(placed.columns()))
+    evidence = Evidence.of(placed, config)
     found = [suspect for cause in CAUSES for suspect in cause.suspects(evidence)]
     # What follows is about the session as it should have been.
     stuck = stuck_readings(evidence)
@@ -79,6 +79,13 @@ def diagnose(
         tuple(found), hypothesis, before.scores.mean, after.scores.mean, gain, fix,
         validate(merged([_set(config), fix])), len(case.readings), _notes(case),
     )  # fmt: skip
+
+
+def at_first_sight(placed: PlacedSession, config: MappingConfig) -> str:
+    """The worst that can be seen without a search, in a line; empty: nothing."""
+    evidence = Evidence.of(placed, config)
+    found = [suspect for cause in CAUSES for suspect in cause.suspects(evidence)]
+    return max(found, key=lambda suspect: suspect.cost).text if found else ""
 
 
 def _notes(case: Case) -> tuple[str, ...]:

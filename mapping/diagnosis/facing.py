@@ -25,8 +25,6 @@ _INSIDE = 0.8  # of the half cone
 _NEAR_M = 0.12
 _LEAST_M = 0.05
 _FEWEST = 80
-_STRAY_M = 0.15
-_SQUARE_RAD = math.radians(12.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,22 +111,6 @@ def _view(readings: Readings, rows: Ints, walls: Walls) -> View:
         walls.offset_m - at @ walls.normal.T, at @ tangent.T,
         wrapped(facing_rad - start.heading_rad[:, None]), readings.ranges_m[readings.begins[rows]],
     )  # fmt: skip
-
-
-def stray_share(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) -> float:
-    """How many of the pings with a wall squarely before them end well short of it; 0: too few."""
-    readings = case.session.under(hypothesis)
-    rows = case.rows_of(sensor)
-    if not len(walls.offset_m) or not len(rows):
-        return 0.0
-    view = _view(readings, rows, walls)
-    seen = (view.away_m > _STRAY_M) & (np.abs(view.angle_rad) < _SQUARE_RAD)
-    seen &= (view.across_m > walls.low_m) & (view.across_m < walls.high_m)
-    distance_m = np.where(seen, view.away_m, np.inf).min(axis=1)
-    with np.errstate(invalid="ignore"):
-        known = np.isfinite(distance_m) & (view.measured_m < distance_m + _NEAR_M)
-        short = known & (view.measured_m < distance_m - _STRAY_M)
-    return float(short.sum() / known.sum()) if known.sum() >= _FEWEST else 0.0
 
 
 @dataclass(frozen=True, slots=True)

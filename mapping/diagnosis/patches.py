@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapping.diagnosis.hypothesis import Hypothesis, Number, Session
 from mapping.scoring.held_out import Mixture

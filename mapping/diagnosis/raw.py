@@ -43,7 +43,7 @@ def channels(evidence: Evidence) -> list[Channel]:
         t_ns = np.concatenate([each.t_ns for each in found])
         range_m = np.concatenate([each.range_m for each in found])
         order = np.argsort(t_ns, kind="stable")
-        known = evidence.case.placed.sensors.get(sensor)
+        known = evidence.placed.sensors.get(sensor)
         low, high = float(found[0].min_range_m[0]), float(found[0].max_range_m[0])
         if known is not None:
             low, high = known.min_range_m, known.max_range_m

@@ -52,8 +52,10 @@ def _body(diagnosis: Diagnosis, name: str) -> Iterator[str]:
 
 
 def _section(number: int, suspect: Suspect) -> Iterator[str]:
+    named = suspect.subject and suspect.text.startswith(suspect.subject)  # names stay as they are
+    title = suspect.text if named else _sentence(suspect.text)
     yield (
-        f"<h2>{number}. {html.escape(_sentence(suspect.text))} "
+        f"<h2>{number}. {html.escape(title)} "
         f'<span class="sure">{html.escape(suspect.sure)}</span></h2>'
     )
     for each in suspect.evidence:
@@ -125,7 +127,9 @@ def ticks(low: float, high: float) -> Floats:
     raw = (high - low) / 5.0
     power = 10.0 ** np.floor(np.log10(raw))
     step = power * min((s for s in (1.0, 2.0, 5.0, 10.0) if s * power >= raw), default=10.0)
-    return np.asarray(np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step, np.float64)
+    return np.asarray(
+        np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step + 0.0, np.float64
+    )
 
 
 def _axes(plot: Plot, x: tuple[float, float], y: tuple[float, float]) -> str:

@@ -65,7 +65,7 @@ def swaps(evidence: Evidence) -> list[Swap]:
 
 
 def _reach_m(evidence: Evidence, channel: Channel) -> float:
-    known = evidence.case.placed.sensors.get(channel.sensor)
+    known = evidence.placed.sensors.get(channel.sensor)
     kind = CATALOGUE.get(known.kind) if known is not None else None
     return min(channel.max_range_m, kind.max_range_m if kind else math.inf)
 
@@ -87,7 +87,7 @@ def _bounds(a: Channel, b: Channel, beyond: np.ndarray, its: np.ndarray) -> Swap
 
 
 def _suspect(evidence: Evidence, swap: Swap) -> Suspect:
-    case, start_ns = evidence.case, channels(evidence)[0].start_ns
+    start_ns = channels(evidence)[0].start_ns
     from_s, to_s = max(0.0, (swap.first_ns - start_ns) * 1e-9), (swap.end_ns - start_ns) * 1e-9
     when = "all the time" if swap.whole else f"from {from_s:.1f} s to {to_s:.1f} s"
     short = next(each for each in channels(evidence) if each.sensor == swap.short)
@@ -101,7 +101,7 @@ def _suspect(evidence: Evidence, swap: Swap) -> Suspect:
             f"{_reach_m(evidence, short):g} m that it reaches, while {swap.long} sees no farther "
             "than that",
         ),
-        3.0, "almost certain", settings=_settings(case.placed, swap) if swap.whole else None,
+        3.0, "almost certain", settings=_settings(evidence.placed, swap) if swap.whole else None,
         advice="" if swap.whole else (
             f"no setting mends half a session: import or record it anew, or map the parts "
             f"before and after {from_s if from_s > 0 else to_s:.1f} s on their own"

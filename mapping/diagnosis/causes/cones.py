@@ -1,4 +1,4 @@
-"""What the walls of thin beams tell of a sonar: its cone, its yaw, its ranges, its stray echoes."""
+"""What the walls of thin beams tell of a sonar: its cone, its yaw, its ranges."""
 
 from __future__ import annotations
 
@@ -9,22 +9,19 @@ import numpy as np
 
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect
-from mapping.diagnosis.facing import Acceptance, Facing, acceptance, facing, stray_share, walls_of
+from mapping.diagnosis.facing import Acceptance, Facing, acceptance, facing, walls_of
 from mapping.diagnosis.hypothesis import Hypothesis
 
-_WIDER, _NARROWER = 1.6, 0.7  # times what is configured
+_WIDER, _NARROWER = 1.6, 0.83  # times what is configured
 _YAW_RAD = math.radians(4.5)
 _BIAS_M = 0.012
 _SURE = 5.0
-_STRAY = 0.06
-_USUAL_STRAY = 0.02
-_PER_SHARE = 1.5  # log-likelihood that a stray reading costs, about
 
 
 class Cones(Cause):
     """Each wide beam against the walls that the thin ones have drawn, mended already."""
 
-    name, title = "cones", "a sonar's cone, yaw, ranges or echoes are not what they should be"
+    name, title = "cones", "a sonar's cone, yaw or ranges are not what they should be"
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """One sonar after the other."""
@@ -36,9 +33,6 @@ class Cones(Cause):
             found = facing(case, hypothesis, sensor, walls)
             if found is not None:
                 yield from _of_ranges(case, sensor, found)
-            share = stray_share(case, hypothesis, sensor, walls)
-            if share > _STRAY:
-                yield _stray(case, sensor, share)
 
 
 def _of_edges(case: Case, sensor: str, edges: Acceptance) -> Iterator[Suspect]:
@@ -116,22 +110,6 @@ def _of_ranges(case: Case, sensor: str, found: Facing) -> Iterator[Suspect]:
         2.0 * abs(bias_m), "possible",
         settings=_sensor(thin, range_bias_m=round(known - bias_m, 4)),
         value=-bias_m, unit="m", plots=(plot,),
-    )  # fmt: skip
-
-
-def _stray(case: Case, sensor: str, share: float) -> Suspect:
-    many = len(case.wide) > 1
-    what = "hears other sonars" if many else "has stray echoes"
-    cause = "cross-talk" if many else "stray"
-    what = what.replace("hears", "receives the pings of")
-    return Suspect(
-        cause, sensor, f"{sensor} {what}: {share:.0%} of its echoes come from before the wall",
-        (f"where a wall stands squarely before it, {share:.0%} of its ranges end short of it by "
-         f"over 15 cm; usual are {_USUAL_STRAY:.0%}",),
-        _PER_SHARE * share, "likely",
-        advice="fire the sonars one after the other, or leave more time between pings"
-        if many else "look for something that the cone grazes: the floor, a cable, the robot",
-        value=share, unit="share",
     )  # fmt: skip
 
 

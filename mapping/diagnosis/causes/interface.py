@@ -11,9 +11,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
+from mapping.config import MappingConfig
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.hypothesis import Hypothesis, Number
 from mapping.diagnosis.search import Candidate, Found
+from mapping.placed_session import PlacedSession
 from mapping.scoring.held_out import Gain
 from recorder.columns import Block, Floats
 
@@ -58,10 +60,17 @@ class Suspect:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What a cause looks at beside the case: the readings as they came, before any was dropped."""
+    """What can be looked at without a search: the session as placed, and its readings as they
+    came, before any was dropped."""
 
-    case: Case
+    placed: PlacedSession
+    config: MappingConfig
     columns: Sequence[Block] = field(repr=False, default=())
+
+    @classmethod
+    def of(cls, placed: PlacedSession, config: MappingConfig) -> Evidence:
+        """That of a session."""
+        return cls(placed, config, list(placed.columns()))
 
 
 class Cause:

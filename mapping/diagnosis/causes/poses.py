@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.interface import Cause, Evidence, Plot, Suspect
 from mapping.diagnosis.pose_quality import (
     FEWEST_JUMPS,
@@ -18,6 +17,8 @@ from mapping.diagnosis.pose_quality import (
 )
 
 _DROPPED = 0.1
+_BRIDGED_S = 0.8  # over longer gaps a straight way between two poses is a guess
+_FEWEST = 10  # poses
 _NO_POSE = "no pose at that time"
 
 
@@ -28,23 +29,23 @@ class Poses(Cause):
 
     def suspects(self, evidence: Evidence) -> Iterator[Suspect]:
         """Each kind of trouble that there is."""
-        case = evidence.case
-        if case.config.pose.fixed is not None or len(case.placed.placement.track.t_ns) < 10:
+        track = evidence.placed.placement.track
+        if evidence.config.pose.fixed is not None or len(track.t_ns) < _FEWEST:
             return
-        yield from _few(case)
-        yield from _jumps(case)
-        yield from _noise(case)
+        yield from _few(evidence)
+        yield from _jumps(evidence)
+        yield from _noise(evidence)
 
 
-def _few(case: Case) -> Iterator[Suspect]:
-    counts = case.placed.counts
+def _few(evidence: Evidence) -> Iterator[Suspect]:
+    counts = evidence.placed.counts
     share = counts.dropped.get(_NO_POSE, 0) / max(counts.readings, 1)
     if share < _DROPPED:
         return
-    gaps_s = np.diff(case.placed.placement.track.t_ns) * 1e-9
-    wide = gaps_s[gaps_s > case.config.pose.max_gap_s]
+    gaps_s = np.diff(evidence.placed.placement.track.t_ns) * 1e-9
+    wide = gaps_s[gaps_s > evidence.config.pose.max_gap_s]
     usual_s = float(np.median(wide)) if len(wide) else math.nan
-    bridged = usual_s < 3.0
+    bridged = usual_s < _BRIDGED_S
     yield Suspect(
         "poses", "", f"{share:.0%} of the readings have no pose",
         (f"{len(wide)} gaps between poses are longer than pose.max_gap_s, "
@@ -56,9 +57,9 @@ def _few(case: Case) -> Iterator[Suspect]:
     )  # fmt: skip
 
 
-def _jumps(case: Case) -> Iterator[Suspect]:
-    track, gap_s = case.placed.placement.track, case.config.pose.max_gap_s
-    seconds = (track.t_ns[1:] - case.start_ns) * 1e-9
+def _jumps(evidence: Evidence) -> Iterator[Suspect]:
+    track, gap_s = evidence.placed.placement.track, evidence.config.pose.max_gap_s
+    seconds = (track.t_ns[1:] - evidence.placed.counts.first_ns) * 1e-9
     dt, way, turn = steps_of(track)
     both = jumps(track, gap_s)
     if len(both) < FEWEST_JUMPS:
@@ -75,12 +76,12 @@ def _jumps(case: Case) -> Iterator[Suspect]:
     )  # fmt: skip
 
 
-def _noise(case: Case) -> Iterator[Suspect]:
-    track = case.placed.placement.track
-    noise_rad = heading_noise_rad(track, case.config.pose.max_gap_s)
+def _noise(evidence: Evidence) -> Iterator[Suspect]:
+    track = evidence.placed.placement.track
+    noise_rad = heading_noise_rad(track, evidence.config.pose.max_gap_s)
     if noise_rad < NOISY_RAD:
         return
-    seconds = (track.t_ns - case.start_ns) * 1e-9
+    seconds = (track.t_ns - evidence.placed.counts.first_ns) * 1e-9
     shown = slice(0, 400)
     yield Suspect(
         "poses", "", f"the headings are noisy: +- {math.degrees(noise_rad):.1f} degrees each",

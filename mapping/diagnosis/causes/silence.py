@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from mapping.diagnosis.case import Case, Stretch
+from mapping.diagnosis.case import Stretch
 from mapping.diagnosis.causes.interface import Cause, Evidence, Suspect
 from mapping.diagnosis.raw import Channel, channels
 from recorder.columns import Floats
@@ -29,7 +29,7 @@ class Silence(Cause):
         """One for each sensor: how long it is stuck, and how long dead."""
         every = channels(evidence)
         for channel in every:
-            stuck = stuck_stretches(evidence.case, channel)
+            stuck = stuck_stretches(evidence, channel)
             count = sum(end - first for first, end in stuck)
             if count > _SHARE * len(channel.t_ns):
                 yield _stuck(channel, stuck, count)
@@ -43,11 +43,11 @@ def stuck_readings(evidence: Evidence) -> list[Stretch]:
     return [
         Stretch(channel.sensor, int(channel.t_ns[first]), int(channel.t_ns[end - 1]))
         for channel in channels(evidence)
-        for first, end in stuck_stretches(evidence.case, channel)
+        for first, end in stuck_stretches(evidence, channel)
     ]
 
 
-def stuck_stretches(case: Case, channel: Channel) -> list[tuple[int, int]]:
+def stuck_stretches(evidence: Evidence, channel: Channel) -> list[tuple[int, int]]:
     """Runs (first, end) of equal readings, too long to be chance, in which the robot moved."""
     value = np.nan_to_num(channel.range_m, posinf=-1.0, neginf=-2.0)
     edges = np.flatnonzero(np.diff(value) != 0) + 1
@@ -61,7 +61,7 @@ def stuck_stretches(case: Case, channel: Channel) -> list[tuple[int, int]]:
             lasted_s > _LONG_S and end - first > _LONGER * _next_longest(value, first)
         ):
             continue  # no echo for a while is usual where there is room
-        poses, known = case.placed.placement.track.at(channel.t_ns[first:end])
+        poses, known = evidence.placed.placement.track.at(channel.t_ns[first:end])
         x, y, heading = (np.asarray(v)[known] for v in (poses.x_m, poses.y_m, poses.heading_rad))
         if len(x) > 1 and (_span(x, y) > _MOVED_M or np.ptp(np.unwrap(heading)) > _TURNED_RAD):
             found.append((first, end))

@@ -1,0 +1,253 @@
+"""What is wrong with a session: planted faults are named, with amounts; sound ones are not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from mapping.config import load_config
+from mapping.diagnosis.case import Case, case_of
+from mapping.diagnosis.causes import CAUSES
+from mapping.diagnosis.diagnosing import Diagnosis, at_first_sight, diagnose, merged
+from mapping.diagnosis.facing import acceptance, facing, walls_of
+from mapping.diagnosis.hypothesis import (
+    Hypothesis,
+    Number,
+    Session,
+    offset_of_poses,
+    scale_of,
+    y_of,
+    yaw_of,
+)
+from mapping.diagnosis.patches import fit
+from mapping.diagnosis.pose_quality import heading_noise_rad, is_rough, jumps
+from mapping.placed_session import place_session
+from mapping.readings import Readings
+from mapping.tracks import Motions, MotionTrack
+from recorder.columns import ALL, Block, Choice, blocks_of
+from recorder.errors import BadInput
+from recorder.geometry import SE2
+from recorder.messages import Message, Range, Record, topic_of
+from recorder.sensors import CATALOGUE
+from recorder.simulator.faults import SOUND, RunFaults, SensorFaults
+from recorder.simulator.robot import simulate
+from recorder.simulator.rooms import ROOMS
+
+DURATION_S = 100.0
+
+
+class Kept:
+    """Messages as a session that can be gone through again and again."""
+
+    def __init__(self, messages: list[Message]) -> None:
+        self._blocks = list(blocks_of(Record(topic_of(m), m.t_ns, m) for m in messages))
+
+    def blocks(self, choice: Choice = ALL) -> Iterator[Block]:
+        return map(choice.of, self._blocks)
+
+
+def messages(faults: RunFaults | None = None, room: str = "cluttered") -> tuple[Message, ...]:
+    if faults is None:
+        return sound_messages()
+    run = simulate(ROOMS[room], duration_s=DURATION_S, seed=2, faults=faults)
+    return tuple(message for _, message in run)
+
+
+@lru_cache(maxsize=1)
+def sound_messages() -> tuple[Message, ...]:
+    run = simulate(ROOMS["cluttered"], duration_s=DURATION_S, seed=2)
+    return tuple(message for _, message in run)
+
+
+@lru_cache(maxsize=4)
+def sound_case() -> Case:
+    config = load_config()
+    return case_of(place_session(list(messages()), config), config)
+
+
+def of_sensor(name: str, **faults: object) -> RunFaults:
+    return replace(SOUND, sensors={name: SensorFaults(**faults)})  # type: ignore[arg-type]
+
+
+def found_in(all_messages: tuple[Message, ...]) -> Diagnosis:
+    return diagnose(Kept(list(all_messages)), load_config())
+
+
+@pytest.mark.parametrize(
+    ("hypothesis", "setting"),
+    [
+        (Hypothesis(offset_s=0.13), "pose.offset_s=0.13"),
+        (
+            Hypothesis().with_sensor("dirrs", x_m=0.02, y_m=-0.03, yaw_rad=math.radians(7.0)),
+            "sensors.dirrs.mount=[-0.0112,-0.03,7]",
+        ),
+        (Hypothesis().with_sensor("ping", scale=1.04), "sensors.ping.range_scale=1.04"),
+        (Hypothesis().with_sensor("dirrs", bias_m=0.02), "sensors.dirrs.range_bias_m=0.02"),
+    ],
+)
+def test_a_hypothesis_places_readings_as_its_setting_would(
+    hypothesis: Hypothesis, setting: str
+) -> None:
+    some = list(messages())
+    placed = place_session(some, load_config())
+    session = Session(Readings.joined(list(placed)), placed.placement)
+    supposed = session.under(hypothesis)
+    truly = Readings.joined(list(place_session(some, load_config([], [setting]))))
+    mine, its = np.intersect1d(
+        supposed.t_ns * 2 + supposed.sensor, truly.t_ns * 2 + truly.sensor, True, True
+    )[1:]
+    assert len(mine) > 0.98 * len(truly)
+    start, other = supposed.world_from_sensor[mine], truly.world_from_sensor[its]
+    assert start.x_m == pytest.approx(other.x_m, abs=1e-9)
+    assert start.y_m == pytest.approx(other.y_m, abs=1e-9)
+    assert np.cos(start.heading_rad - other.heading_rad) == pytest.approx(1.0)
+    assert supposed.ranges_m[mine] == pytest.approx(truly.ranges_m[its])
+
+
+@settings(max_examples=6, deadline=None)
+@given(
+    yaw_deg=st.floats(-12.0, 12.0), y_m=st.sampled_from([0.0, 0.03]),
+    scale=st.sampled_from([1.0, 1.03]),
+)  # fmt: skip
+def test_walls_tell_how_a_thin_beam_is_turned(yaw_deg: float, y_m: float, scale: float) -> None:
+    """Whatever else is wrong and mended, the yaw that was planted is what is found more."""
+    case = sound_case()
+    wrong = Hypothesis().with_sensor(
+        "dirrs", yaw_rad=math.radians(yaw_deg), y_m=y_m, scale=1.0 / scale
+    )
+    known = Hypothesis().with_sensor("dirrs", y_m=-y_m, scale=scale)
+    planted = Session(case.session.under(wrong), case.placed.placement)
+    twisted = replace(case, session=planted, scores={})
+    number = yaw_of("dirrs")
+    found = fit(twisted.beams(["dirrs"]), [number], known)
+    assert not found.failed
+    assert math.degrees(found.value(number)) == pytest.approx(-yaw_deg, abs=1.0)
+
+
+@pytest.mark.parametrize("number", [offset_of_poses(), yaw_of("dirrs"), y_of("dirrs")])
+def test_of_a_sound_session_the_walls_ask_for_nothing(number: Number) -> None:
+    found = fit(sound_case().beams(["dirrs"]), [number])
+    assert not found.failed
+    assert abs(found.value(number)) < 1.5 * number.least
+
+
+def test_a_factor_is_not_pretended_by_the_noise_of_the_ranges() -> None:
+    """Slopes at measured ranges would find 3 % too much here."""
+    found = fit(sound_case().beams(["dirrs"]), [scale_of("dirrs")])
+    assert found.value(scale_of("dirrs")) == pytest.approx(1.0, abs=0.015)
+
+
+def test_a_sound_session_has_no_suspects() -> None:
+    found = found_in(messages())
+    assert [suspect.text for suspect in found.suspects] == []
+    assert found.gain is None
+    assert found.fix == {}
+    assert found.config == load_config()
+
+
+def test_late_poses_and_a_turned_mount_are_named_together_and_mended() -> None:
+    faults = replace(of_sensor("dirrs", mount=SE2(0.0, 0.0, math.radians(-9.0))), pose_delay_s=0.12)
+    found = found_in(messages(faults))
+    by_cause = {suspect.cause: suspect for suspect in found.suspects}
+    assert {"pose-time", "mount"} <= set(by_cause)
+    assert found.suspects[0].cause in ("pose-time", "mount")
+    assert by_cause["pose-time"].value == pytest.approx(-0.12, abs=0.015)
+    assert math.degrees(by_cause["mount"].value or 0.0) == pytest.approx(-9.0, abs=1.5)
+    assert found.config.pose.offset_s == pytest.approx(-0.12, abs=0.015)
+    assert found.gain is not None
+    assert found.gain.low > 0.0
+    assert by_cause["mount"].plots[0].line is not None
+
+
+def test_a_sonar_against_walls_tells_its_cone_and_the_bias_of_the_other() -> None:
+    edges, config = [], load_config()
+    for width_deg in (19.0, 38.0, 76.0):
+        some = messages(of_sensor("ping", beam_width_deg=width_deg), "l-room")
+        case = case_of(place_session(list(some), config), config)
+        seen = acceptance(case, Hypothesis(), "ping", walls_of(case, Hypothesis()))
+        assert seen is not None
+        edges.append(math.degrees(2.0 * seen.half_width_rad))
+    assert edges[0] < 30.0 < edges[1] < 60.0 < edges[2]
+    some = messages(of_sensor("dirrs", bias_m=0.03), "l-room")
+    case = case_of(place_session(list(some), config), config)
+    squarely = facing(case, Hypothesis(), "ping", walls_of(case, Hypothesis()))
+    assert squarely is not None
+    assert float(np.median(squarely.residual_m)) == pytest.approx(-0.03, abs=0.012)
+
+
+def other_channel(message: Message) -> Message:
+    if not isinstance(message, Range):
+        return message
+    name = "dirrs" if message.sensor == "ping" else "ping"
+    return CATALOGUE[name].parameters.reading(message.t_ns, name, message.range_m)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5])
+def test_swapped_channels_are_named_with_when(share: float) -> None:
+    every = messages()
+    first = int(share * len(every))
+    swapped = (*every[:first], *map(other_channel, every[first:]))
+    found = found_in(swapped)
+    assert [suspect.cause for suspect in found.suspects] == ["channels"]
+    suspect = found.suspects[0]
+    assert suspect.value == pytest.approx(DURATION_S * share, abs=3.0)
+    assert (suspect.settings is None) is bool(share)  # no setting mends half a session
+    if not share:
+        mended = place_session(list(swapped), found.config)
+        sound = place_session(list(every), load_config())
+        for name in ("ping", "dirrs"):
+            assert mended.counts.used[name] == sound.counts.used[name]
+            assert mended.sensors[name].max_range_m == sound.sensors[name].max_range_m
+
+
+def test_a_stuck_sensor_is_seen_at_once() -> None:
+    faults = of_sensor("ping", stuck_s=(50.0, 80.0))
+    placed = place_session(list(messages(faults)), load_config())
+    assert "ping is stuck" in at_first_sight(placed, load_config())
+    assert at_first_sight(place_session(list(messages()), load_config()), load_config()) == ""
+
+
+def track(heading_rad: np.ndarray, x_m: np.ndarray | None = None) -> MotionTrack:
+    count = len(heading_rad)
+    x_m = np.linspace(0.0, 1.0, count) if x_m is None else x_m
+    motions = Motions(x_m, np.zeros(count), heading_rad)
+    return MotionTrack(np.arange(count) * 100_000_000, motions, 500_000_000)
+
+
+@settings(max_examples=20, deadline=None)
+@given(noise_deg=st.floats(0.5, 15.0), seed=st.integers(0, 99))
+def test_noise_of_headings_is_measured_through_a_steady_turn(noise_deg: float, seed: int) -> None:
+    noise = math.radians(noise_deg) * np.random.default_rng(seed).standard_normal(2000)
+    measured = heading_noise_rad(track(0.1 * np.arange(2000) + noise), 0.5)
+    assert math.degrees(measured) == pytest.approx(noise_deg, rel=0.15)
+
+
+def test_jumps_are_steps_that_no_robot_makes() -> None:
+    x_m = np.linspace(0.0, 1.0, 300)
+    assert len(jumps(track(np.zeros(300), x_m), 0.5)) == 0
+    x_m = x_m.copy()
+    x_m[[50, 120, 200]] += 0.8
+    assert len(jumps(track(np.zeros(300), x_m), 0.5)) == 6
+    assert is_rough(track(np.zeros(300), x_m), 0.5)
+
+
+def test_too_few_readings_are_refused() -> None:
+    with pytest.raises(BadInput, match="too few"):
+        diagnose(Kept(list(messages()[:100])), load_config())
+
+
+def test_every_cause_has_a_name_of_its_own() -> None:
+    assert len({cause.name for cause in CAUSES}) == len(CAUSES)
+    assert all(cause.title for cause in CAUSES)
+
+
+def test_settings_are_laid_over_each_other() -> None:
+    parts = [{"a": {"b": 1, "c": 2}}, {"a": {"b": 3}, "d": 4}]
+    assert merged(parts) == {"a": {"b": 3, "c": 2}, "d": 4}
