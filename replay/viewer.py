@@ -128,11 +128,11 @@ def _check_recording(path: Path) -> bool:
 def _show_folder(
     folder: Path, web: bool, announce: Callable[[str], None] | None, browser: bool
 ) -> None:
-    if not web and not has_display():
-        raise BadInput(NO_DISPLAY)
     from replay.rrd.catalogue import Catalogue, runs_in
 
     runs = runs_in(folder)
+    if not web and not has_display():
+        raise BadInput(NO_DISPLAY)
     if announce is not None:
         for reason in runs.left_out:
             announce(f"not shown: {reason}")

@@ -68,7 +68,7 @@ def test_what_is_no_recording_is_not_viewed(
         assert main(["view", str(text), *web]) == 2
         assert "not a recording; echogrid map SESSION" in error_line(capsys)
         assert main(["view", str(tmp_path), *web]) == 2
-        assert "a folder, not a recording" in error_line(capsys)
+        assert "no recording (.rrd) in this folder" in error_line(capsys)
 
 
 def test_a_recording_is_distinguished_from_a_session(

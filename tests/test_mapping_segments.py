@@ -368,22 +368,3 @@ def test_runs_of_the_methods_that_draw_are_repeatable() -> None:
         config = SegmentsSection(method=name, seed=3)
         first, again = (segments_from_points(points, config, layer="x") for _ in range(2))
         assert ends(first) == ends(again)
-
-
-def test_of_many_sightings_a_layer_keeps_every_kth(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mapping.segments.sightings import SightingLog, Sightings
-
-    monkeypatch.setattr("mapping.segments.sightings.MOST", 10)
-    log = SightingLog()
-    for first in range(0, 1000, 7):
-        count = min(7, 1000 - first)
-        pairs, flags = np.zeros((count, 2)), np.zeros(count, np.bool_)
-        numbers = np.arange(first, first + count, dtype=np.float64)
-        log._keep("ping", Sightings(pairs, pairs, numbers, numbers, flags, flags))
-        assert sum(map(len, log._parts["ping"])) <= 40
-    kept = np.concatenate([part.range_m for part in log._parts["ping"]])
-    assert len(kept) > 10
-    every = int(kept[1] - kept[0])
-    assert every in (16, 32, 64)
-    np.testing.assert_array_equal(kept, np.arange(0, 1000, every))
-    assert len(log.of_layer("ping")) <= 10

@@ -41,7 +41,7 @@ def learn(
     preset: str | None, output: Path | None, page: Path | None, csv_file: Path | None,
     as_json: bool, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
-    """Learn what the sensors of a SESSION are like: how far off, how wide, how often wrong.
+    """Learn what a sensor is like: how far off and how often wrong.
 
     Against true walls, a tape measure, a sensor that is trusted, or its own map. docs/learn.md
     explains the figures.

@@ -17,9 +17,9 @@ from recorder.cli import options
     help="In the browser instead of a window, served on 127.0.0.1; Ctrl-C ends it.",
 )
 def view(file: Path, web: bool) -> int:
-    """Open a recording in the Rerun viewer; of a FOLDER, all of those in it as a table.
+    """Open a recording, or a folder of them, in the Rerun viewer.
 
-    The table has a card for each run, with the map that it ends with, and opens any of them.
+    A folder is shown as a table with a card for each run, with the map that it ends with.
     """
     from replay.viewer import open_viewer
 

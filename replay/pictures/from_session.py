@@ -18,6 +18,7 @@ from mapping.pipeline import (
     build_maps,
     geometry_of,
     merge,
+    raw_lines,
     result_stages,
     started_run,
 )
@@ -113,7 +114,8 @@ def maps_of(
         trail.take(some)
         if progress is not None:
             progress(first + len(some), len(readings))
-    yield from result_stages(sensors, maps, trail, config, final=True)
+    raw = list(raw_lines([readings], config)) if len(readings) else []
+    yield from result_stages(sensors, maps, trail, config, final=True, raw=raw)
 
 
 def _moment(
