@@ -21,11 +21,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.segment_scores import SegmentScores, observed_steps, segment_scores
 from mapping.artifacts import Segment
 from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
 from mapping.placed_session import PlacedSession, place_session
-from mapping.scoring.segment_scores import SegmentScores, observed_steps, segment_scores
 from recorder.errors import BadInput
 from recorder.session.columns import open_session
 from recorder.simulator.robot import simulate

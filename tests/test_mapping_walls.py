@@ -10,12 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from benchmarks.segment_scores import segment_scores
 from mapping.artifacts import LineStage, Segment, Snapshot
 from mapping.config import MappingConfig, SegmentsSection
 from mapping.pipeline import build_maps
 from mapping.placed_session import place_session
 from mapping.readings import Readings
-from mapping.scoring.segment_scores import segment_scores
 from mapping.segments import segments_at_walls
 from mapping.segments.refit import refit
 from mapping.segments.sightings import MOST, SightingLog, Sightings

@@ -1,4 +1,4 @@
-"""How well line segments give the walls of a room, by length.
+"""How well line segments give the walls of a room, by length: for benchmarks, without a grid.
 
 Walls and lines are walked along in steps of a centimetre. A step of a wall is *found* where a line
 lies within the tolerance and runs in about its direction; a step of a line is *right* where such a

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from mapping.scoring.segment_scores import observed_steps, segment_scores, steps_along
+from benchmarks.segment_scores import observed_steps, segment_scores, steps_along
 
 SQUARE = np.array(
     [[[0, 0], [2, 0]], [[2, 0], [2, 2]], [[2, 2], [0, 2]], [[0, 2], [0, 0]]], np.float64
