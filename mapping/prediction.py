@@ -111,7 +111,7 @@ class RangePredictor:
 
     def _on_axes_m(self, beam: Beam) -> NDArray[np.float64]:
         """How far each axis gets before it meets an occupied cell, (N,); +Inf: to its end."""
-        from mapping.kernels.casting import nearest_on_rays
+        from mapping.kernels.loops import nearest_on_rays
 
         assert self._geometry is not None
         (x0, y0), resolution = self._geometry.origin_m, self._geometry.resolution_m

@@ -82,7 +82,7 @@ def strength_names() -> list[Named]:
 
 def evidence_png(temp: TempGrid, side: int) -> bytes:
     """The picture of a reading's evidence; see :func:`strength_png`."""
-    from mapping.kernels.recording import evidence_by_strength
+    from mapping.kernels.loops import evidence_by_strength
 
     probability = np.ascontiguousarray(temp.probability, np.float64)
     edges = np.array(STRENGTHS, np.float64)
@@ -91,7 +91,7 @@ def evidence_png(temp: TempGrid, side: int) -> bytes:
 
 def change_png(merged: MergedGrid, side: int) -> bytes:
     """The picture of what a reading changed; see :func:`strength_png`."""
-    from mapping.kernels.recording import changes_by_strength
+    from mapping.kernels.loops import changes_by_strength
 
     after, before = merged.probability, merged.previous
     return strength_png(changes_by_strength(after, before, np.array(STRENGTHS, after.dtype)), side)

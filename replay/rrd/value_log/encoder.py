@@ -197,7 +197,7 @@ class LogEncoder(Generic[T]):
 
     def _other_changes(self, temp: TempGrid, values: Singles) -> NDArray[np.bool_]:
         """Cells of a reading's window that changed although it is no evidence for them."""
-        from replay.rrd.value_log.kernels import other_changes
+        from replay.rrd.value_log.loops import other_changes
 
         others: NDArray[np.bool_] = other_changes(
             values.view(np.uint32), self._track.values.view(np.uint32), temp.free, temp.band,
