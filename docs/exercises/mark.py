@@ -1,8 +1,8 @@
 """Marks an answer to one of the exercises: ``python docs/exercises/mark.py 1 my_rule.py``.
 
 Each exercise is a function from an answer's file to criteria, named in ``EXERCISES``. Those that
-judge a map drive through a room that the student has not seen (another seed), so that an answer
-that fits one session alone does not win.
+judge a map take another drive through the same room (another seed), so that an answer that fits one
+session alone does not win.
 """
 
 from __future__ import annotations
@@ -146,7 +146,8 @@ def ghost(answer: Path, folder: Path) -> Iterator[Criterion]:
     session = _drive(folder, GHOST_ROOM, GHOST_SEED, 60.0)
     probe = map_session(session, MappingConfig(), rrd=None, export=None, probes=[GHOST_M]).probes[0]
     strongest = {touch.reading: touch for touch in probe.strongest(8, "ping")}
-    named = [each for each in given.get("readings", []) if isinstance(each, int)][:3]
+    readings = given.get("readings", [])
+    named = [each for each in readings if type(each) is int][:3] if type(readings) is list else []
     right = [each for each in named if each in strongest]
     yield Criterion(
         "three readings of the eight that moved the cell most", 5, len(set(right)) == 3,
@@ -157,7 +158,7 @@ def ghost(answer: Path, folder: Path) -> Iterator[Criterion]:
     ranges = sorted(touch.range_m for touch in strongest.values())
     low, high = ranges[0] - 0.05, ranges[-1] + 0.05
     range_m = given.get("range_m", 0.0)
-    met = isinstance(range_m, float) and low <= range_m <= high
+    met = type(range_m) in (int, float) and low <= range_m <= high
     yield Criterion("about which range they measured", 2, met, f"{range_m} m")
 
 

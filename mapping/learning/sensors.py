@@ -93,10 +93,18 @@ class LearnedSensor:
         """Two standard deviations of a hit at the typical distance, relative to it."""
         return float(2.0 * self.fit.mixture.std_m(self.typical_m)) / self.typical_m
 
+    @property
+    def _beam_is_known(self) -> bool:
+        if self.beam_width_rad is None or self.beam_interval_rad is None:
+            return False
+        low, high = self.beam_interval_rad
+        return high - low <= self.beam_width_rad
+
     def settings(self) -> dict[str, Any]:
         """The keys of ``[sensors.NAME]`` that follow from it.
 
-        Bias and scale only where their intervals leave out 0 and 1: else they are chance.
+        Bias and scale only where the interval of one of them leaves out 0 or 1, the beam's width
+        only where its interval is no wider than the width itself: else they are chance.
         """
         if self.tuned is not None:
             return dict(self.tuned)
@@ -109,7 +117,7 @@ class LearnedSensor:
             if off_scale or not low <= 0.0 <= high:
                 values["range_scale"] = round(mixture.scale, 4)
                 values["range_bias_m"] = round(mixture.bias_m, 4)
-        if self.beam_width_rad:  # of a thin line the stated beam stays
+        if self.beam_width_rad and self._beam_is_known:  # of a thin line the stated beam stays
             values["beam_width_deg"] = round(math.degrees(self.beam_width_rad), 1)
         values["range_error"] = round(min(max(self.relative_error, 0.005), 0.5), 4)
         if self.sensor.radiation is not Radiation.ULTRASOUND and self.sensor.model == "fading":

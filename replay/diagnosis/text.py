@@ -96,6 +96,8 @@ def fix_toml(diagnosis: Diagnosis, session: str) -> str:
     document.add(tomlkit.comment(f"What `echogrid diagnose {session}` found:"))
     for suspect in diagnosis.suspects:
         document.add(tomlkit.comment(f"{suspect.text} ({suspect.sure})"))
+    if not diagnosis.suspects:
+        document.add(tomlkit.comment("nothing"))
     settings = diagnosis.config.model_dump(exclude_unset=True, exclude_none=True, mode="json")
     for key, value in settings.items():
         document.add(key, value)

@@ -54,7 +54,11 @@ def learn(
     one line, where nothing can be learned.
     """
     known: dict[str, list[KnownRanges]] = {}
-    against = ""
+    bases: set[str] = set()
+    if distances_m and (walls is not None or trust is not None):
+        raise BadInput("the distances of a tape measure need neither walls nor a trusted sensor")
+    if walls is not None and trust is not None:
+        raise BadInput("give walls or a trusted sensor, not both")
     if distances_m and len(distances_m) != len(sessions):
         raise BadInput(
             f"{len(distances_m)} distances for {len(sessions)} sessions: give one of each, in order"
@@ -64,9 +68,14 @@ def learn(
             found, against = _by_tape(path, config, distances_m[number]), "a tape measure"
         else:
             found, against = _known(path, config, walls, trust)
+        bases.add(against)
         for each in found:
             if not only or each.sensor.name in only:
                 known.setdefault(each.sensor.name, []).append(each)
+    if len(bases) > 1:
+        raise BadInput(
+            f"the sessions are held against {' and '.join(sorted(bases))}: learn from one kind"
+        )
     if only and set(only) - set(known):
         missing = ", ".join(sorted(set(only) - set(known)))
         raise BadInput(f"no readings of {missing} to learn from")
@@ -97,7 +106,7 @@ def _known(
         walls_m, surfaces = _walls(walls)
     else:
         own_m = true_walls(session.attachments)
-        if own_m is None:
+        if own_m is None or trust is not None:
             return _by_map(placed, as_measured(config), trust)
         walls_m, surfaces = own_m, true_surfaces(session.attachments)
     made_of = wall_surfaces(surfaces)

@@ -186,7 +186,7 @@ class OutcomeOverlay:
         hints = []
         if judged or self._moved:
             hints.append(
-                f"*The readings that matter* (below): {LISTED} to go to, by a click on the step"
+                f"*The readings that matter* (below): up to {LISTED}, each a click on its step away"
             )
         if self._contradicting_cells:
             hints.append(
