@@ -23,6 +23,11 @@ def run(*command: str | Path, **options: object) -> subprocess.CompletedProcess[
     return ran  # type: ignore[no-any-return]
 
 
+def clean() -> dict[str, str]:
+    """The environment without the folder that the tests themselves may be found by."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
 @pytest.fixture(scope="module")
 def tool(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of programs of an environment that holds the wheel, and the libraries it needs.
@@ -41,20 +46,17 @@ def tool(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (wheel,) = folder.glob("echogrid-*.whl")
     run(sys.executable, "-m", "venv", "--without-pip", folder / "venv")
     paths = sysconfig.get_paths(vars={"base": str(folder / "venv")}, scheme="venv")
-    run(*pip, "--python", folder / "venv", "install", "-q", "--no-deps", wheel)
+    run(*pip, "--python", folder / "venv", "install", "-q", "--no-deps", wheel, env=clean())
     (Path(paths["purelib"]) / "libraries.pth").write_text(sysconfig.get_path("purelib") + "\n")
     return Path(paths["scripts"])
 
 
 def test_the_wheel_works_without_the_repository(tool: Path, tmp_path: Path) -> None:
-    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    where = run(
-        tool / "python", "-c", "import mapping; print(mapping.__file__)", cwd=tmp_path, env=clean
-    )
+    here = {"cwd": tmp_path, "env": clean()}
+    where = run(tool / "python", "-c", "import mapping; print(mapping.__file__)", **here)
     assert str(ROOT) not in where.stdout
-    run(tool / "echogrid", "simulate", "room", "-o", "run.mcap", "--duration", "3",
-        cwd=tmp_path, env=clean)  # fmt: skip
-    ran = run(tool / "echogrid", "map", "run.mcap", "--export", "out", cwd=tmp_path, env=clean)
+    run(tool / "echogrid", "simulate", "room", "-o", "run.mcap", "--duration", "3", **here)
+    ran = run(tool / "echogrid", "map", "run.mcap", "--export", "out", **here)
     assert "run.rrd" in ran.stdout
     assert (tmp_path / "run.rrd").stat().st_size > 10_000
     assert (tmp_path / "out" / "fused.npz").exists()
@@ -62,7 +64,7 @@ def test_the_wheel_works_without_the_repository(tool: Path, tmp_path: Path) -> N
 
 def test_the_wheel_holds_every_package(tool: Path) -> None:
     installed = run(
-        tool / "python", "-c", "import echogrid; print(echogrid.__file__)", cwd="/"
+        tool / "python", "-c", "import echogrid; print(echogrid.__file__)", cwd="/", env=clean()
     ).stdout
     site = Path(installed.strip()).parent
     for package in ("recorder", "mapping", "replay"):
