@@ -364,7 +364,7 @@ def _narrow_map(bench: Bench) -> Drawing:
 
 
 def _not_yet(_: Bench) -> Drawing:
-    raise LeftOut("sensor models are not learned yet")
+    raise LeftOut("the figures of learned models are not drawn yet")
 
 
 _SQUARE = Chart("", "", "", ()).frame.grown_to(1.25, 1.0)
