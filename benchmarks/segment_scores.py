@@ -15,13 +15,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mapping.scoring.cells import along
+from mapping.scoring.lines import TOLERANCES_M, angle_between, nearest
+
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-TOLERANCES_M = (0.02, 0.05, 0.10)
 STEP_M = 0.01
-MATCH_RAD = math.radians(15.0)
 _ON_WALL = 0.5  # of a line's length, for it to have an angle
 _PIECE_M = 0.05  # so much of a wall belongs to each of its lines
 _RAY_STEP_RAD = math.radians(1.0)
@@ -86,8 +87,8 @@ def segment_scores(
     )
     on_walls, on_lines = steps_along(walls_m), steps_along(lines_m)
     counts = np.ones(len(on_walls.piece), np.bool_) if counts is None else counts
-    found_m = _nearest(on_walls, lines_m)[0][counts]
-    right_m, wall_of = _nearest(on_lines, walls_m)
+    found_m = nearest(on_walls.places_m, on_walls.directions_rad, lines_m)[0][counts]
+    right_m, wall_of = nearest(on_lines.places_m, on_lines.directions_rad, walls_m)
     matched = right_m <= max(tolerances_m)
     within = tuple(
         Within(tolerance_m, _share(found_m <= tolerance_m), _share(right_m <= tolerance_m))
@@ -108,14 +109,7 @@ def segment_scores(
 
 def steps_along(ends_m: Floats) -> Steps:
     """Places along pieces (K, 2, 2), about a centimetre apart."""
-    apart = ends_m[:, 1] - ends_m[:, 0]
-    lengths = np.hypot(apart[:, 0], apart[:, 1])
-    many = np.maximum(np.rint(lengths / STEP_M).astype(np.int64), 1)
-    piece = np.repeat(np.arange(len(ends_m)), many)
-    first = np.cumsum(many) - many
-    share = (np.arange(len(piece)) - first[piece] + 0.5) / many[piece]
-    places = ends_m[piece, 0] + share[:, None] * apart[piece]
-    return Steps(places, np.arctan2(apart[:, 1], apart[:, 0])[piece], piece)
+    return Steps(*along(ends_m, STEP_M))
 
 
 def observed_steps(
@@ -131,13 +125,13 @@ def observed_steps(
     half = beam_width_rad / 2.0
     rays = np.linspace(-half, half, max(int(2.0 * half / _RAY_STEP_RAD) + 1, 3))
     for turn in rays.tolist():
-        hit_m, wall, along = _first_wall(walls_m, from_m, headings_rad + turn)
+        hit_m, wall, far_along_m = _first_wall(walls_m, from_m, headings_rad + turn)
         near = hit_m <= reach_m
         if not near.any():
             continue
         # A ray stands for what lies between it and its neighbours.
         foot_m = hit_m[near] * (rays[1] - rays[0]) / 2.0 + STEP_M / 2.0
-        _mark(seen, steps, walls_m, wall[near], along[near], foot_m)
+        _mark(seen, steps, walls_m, wall[near], far_along_m[near], foot_m)
     return seen
 
 
@@ -175,25 +169,6 @@ def _mark(
     seen |= np.cumsum(change[:-1]) > 0
 
 
-def _nearest(steps: Steps, ends_m: Floats) -> tuple[Floats, Ints]:
-    """From each step to the nearest piece (K, 2, 2) in about its direction, and which it is."""
-    least, which = np.full(len(steps.piece), np.inf), np.zeros(len(steps.piece), np.int64)
-    for k, (a, b) in enumerate(ends_m):
-        along = b - a
-        turn = _between(steps.directions_rad, math.atan2(along[1], along[0]))
-        share = (steps.places_m - a) @ along / max(float(along @ along), 1e-12)
-        away = np.hypot(*(a + np.clip(share, 0.0, 1.0)[:, None] * along - steps.places_m).T)
-        nearer = (turn < MATCH_RAD) & (away < least)
-        least[nearer], which[nearer] = away[nearer], k
-    return least, which
-
-
-def _between(a_rad: Floats, b_rad: Floats | float) -> Floats:
-    """The angle between two undirected lines, 0 to pi / 2."""
-    angle: Floats = np.abs((a_rad - b_rad + math.pi / 2) % math.pi - math.pi / 2)
-    return angle
-
-
 def _offset(places_m: Floats, walls_m: Floats, seen_from_m: Floats | None) -> float:
     """Median distance of places in front of their walls (M, 2, 2)."""
     if seen_from_m is None or not len(places_m) or not len(seen_from_m):
@@ -217,7 +192,9 @@ def _angle(on_lines: Steps, matched: Flags, walls_m: Floats, wall_of: Ints) -> f
         here = mine & matched
         if here.sum() >= _ON_WALL * mine.sum():
             wall = np.bincount(wall_of[here]).argmax()
-            angles.append(_between(on_lines.directions_rad[here][:1], angles_of_walls[wall])[0])
+            angles.append(
+                angle_between(on_lines.directions_rad[here][:1], angles_of_walls[wall])[0]
+            )
     return _median(np.array(angles))
 
 

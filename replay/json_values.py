@@ -15,25 +15,28 @@ if TYPE_CHECKING:
 Json = None | bool | int | float | str | list["Json"] | dict[str, "Json"]
 
 
-def json_value(value: object) -> Json:
-    """Dataclasses as objects, arrays as lists; infinities, NaN and all else as text."""
+def json_value(value: object, *, nulls: bool = False) -> Json:
+    """Dataclasses as objects, arrays as lists; all that is not known as text.
+
+    So are infinities and NaN, for which JSON has no number, unless they are to be ``nulls``.
+    """
     if is_dataclass(value) and not isinstance(value, type):
-        return json_object(value)
+        return json_object(value, nulls=nulls)
     match value:
         case Mapping():
-            return {str(key): json_value(inner) for key, inner in value.items()}
+            return {str(key): json_value(inner, nulls=nulls) for key, inner in value.items()}
         case np.ndarray() | np.generic():
-            return json_value(value.tolist())
-        case float():
-            return value if math.isfinite(value) else str(value)
-        case None | bool() | int() | str():
+            return json_value(value.tolist(), nulls=nulls)
+        case float() if not math.isfinite(value):
+            return None if nulls else str(value)
+        case None | bool() | int() | float() | str():
             return value
         case Sequence():
-            return [json_value(inner) for inner in value]
+            return [json_value(inner, nulls=nulls) for inner in value]
         case _:
             return str(value)
 
 
-def json_object(value: DataclassInstance) -> dict[str, Json]:
-    """A dataclass by the names of its fields."""
-    return {each.name: json_value(getattr(value, each.name)) for each in fields(value)}
+def json_object(value: DataclassInstance, *, nulls: bool = False) -> dict[str, Json]:
+    """A dataclass by the names of its fields, as :func:`json_value` has them."""
+    return {f.name: json_value(getattr(value, f.name), nulls=nulls) for f in fields(value)}

@@ -73,7 +73,9 @@ def score_lines(
     )
     right = off_m <= _USUAL_M
     near = np.flatnonzero(off_m <= TOLERANCES_M[-1])
-    turned = _turned(line_rad[near], _directions(walls_m)[on[near]]) if directed else np.zeros(0)
+    turned = (
+        angle_between(line_rad[near], _directions(walls_m)[on[near]]) if directed else np.zeros(0)
+    )
     return LineScore(
         source=source,
         lines=len(lines_m),
@@ -100,7 +102,7 @@ def nearest(places_m: Floats, directions: Floats | None, pieces_m: Floats) -> tu
         share = np.clip((places_m - a) @ way / max(float(way @ way), 1e-12), 0.0, 1.0)
         away = np.hypot(*(a + share[:, None] * way - places_m).T)
         if directions is not None:
-            away = np.where(_turned(directions, heading) < _MATCH_RAD, away, np.inf)
+            away = np.where(angle_between(directions, heading) < _MATCH_RAD, away, np.inf)
         nearer = away < least
         least[nearer], which[nearer] = away[nearer], number
     return least, which
@@ -111,7 +113,7 @@ def _directions(pieces_m: Floats) -> Floats:
     return np.asarray(np.arctan2(way[:, 1], way[:, 0]))
 
 
-def _turned(a_rad: Floats, b_rad: Floats | float) -> Floats:
+def angle_between(a_rad: Floats, b_rad: Floats | float) -> Floats:
     """The angle between undirected lines, 0 to π/2."""
     turned: Floats = np.abs((a_rad - b_rad + math.pi / 2.0) % math.pi - math.pi / 2.0)
     return turned

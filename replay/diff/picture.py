@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from mapping.grid import Window
 from recorder.errors import BadInput
@@ -22,19 +22,19 @@ from replay.diff.cells import distances
 from replay.diff.comparing import LayerReport, Report
 from replay.diff.layers import FREE, OCCUPIED, UNKNOWN, Codes
 from replay.diff.patches import Ends
+from replay.swatches import GAP_PX, INK, PAPER, UNSEEN, legend, letters, wrapped
 
 Pixels = NDArray[np.uint8]
 
-_UNSEEN, _PAPER, _INK = (150, 158, 178), (255, 255, 255), (20, 20, 20)
 _MORE_OCCUPIED, _MORE_FREE, _BOTH = (214, 39, 40), (31, 100, 210), (190, 190, 190)
 _GONE, _COME, _WORST = (255, 127, 14), (44, 140, 44), (160, 32, 200)
 _PANEL_PX, _HIGHEST_PX, _LARGEST_CELL_PX = 400, 400, 24.0
-_GAP_PX, _TEXT_PX = 16, 17
+_TEXT_PX = 17
 _AIR_CELLS = 3  # around what was seen
 _MOST_LAYERS = 4
 _CLASS_SHADE = {FREE: 0.0, OCCUPIED: 1.0}
 _LEGEND = (
-    (_PAPER, "free"), ((0, 0, 0), "occupied"), (_UNSEEN, "never seen"),
+    (PAPER, "free"), ((0, 0, 0), "occupied"), (UNSEEN, "never seen"),
     (_MORE_OCCUPIED, "more occupied in B"),
     (_MORE_FREE, "more free in B"), (_BOTH, "occupied in both"), (_GONE, "wall only in A"),
     (_COME, "wall only in B"), (_WORST, "the cell that differs most"),
@@ -46,20 +46,20 @@ def draw(report: Report) -> Image.Image:
     chosen = [layer for layer in report.layers if layer.differs] or list(report.layers)
     chosen = chosen[:_MOST_LAYERS]
     rows = [_row(layer, report) for layer in chosen]
-    font = _font()
+    font = letters(_TEXT_PX)
     width = max(row.width for row in rows)
-    verdict = _wrapped("verdict: " + report.verdict.text, width - 2 * _GAP_PX, font)
+    verdict = wrapped("verdict: " + report.verdict.text, width - 2 * GAP_PX, font, indent="   ")
     head = [f"A: {report.a.path.name}   B: {report.b.path.name}", *verdict]
     line = _TEXT_PX + 7
-    legend = _legend(width)
-    height = len(head) * line + sum(r.height for r in rows) + legend.height + 2 * _GAP_PX
-    page = Image.new("RGB", (width, height), _PAPER)
+    below = legend(_LEGEND, width, _TEXT_PX, ringed=[_WORST])
+    height = len(head) * line + sum(r.height for r in rows) + below.height + 2 * GAP_PX
+    page = Image.new("RGB", (width, height), PAPER)
     pen = ImageDraw.Draw(page)
-    y = _GAP_PX // 2
+    y = GAP_PX // 2
     for text in head:
-        pen.text((_GAP_PX, y), text, _INK, font)
+        pen.text((GAP_PX, y), text, INK, font)
         y += line
-    for each in [*rows, legend]:
+    for each in [*rows, below]:
         page.paste(each, (0, y))
         y += each.height
     return page
@@ -95,14 +95,14 @@ def _row(layer: LayerReport, report: Report) -> Image.Image:
         "B",
         f"difference: {cells.differ:,} of {cells.compared:,} cells",
     )
-    size = (3 * _PANEL_PX + 4 * _GAP_PX, panels[0].height + _TEXT_PX + 2 * _GAP_PX)
-    row = Image.new("RGB", size, _PAPER)
+    size = (3 * _PANEL_PX + 4 * GAP_PX, panels[0].height + _TEXT_PX + 2 * GAP_PX)
+    row = Image.new("RGB", size, PAPER)
     pen = ImageDraw.Draw(row)
     for k, (panel, title) in enumerate(zip(panels, titles, strict=True)):
-        x, y = _GAP_PX + k * (_PANEL_PX + _GAP_PX), _TEXT_PX + _GAP_PX
-        pen.text((x, 4), title, _INK, _font())
+        x, y = GAP_PX + k * (_PANEL_PX + GAP_PX), _TEXT_PX + GAP_PX
+        pen.text((x, 4), title, INK, letters(_TEXT_PX))
         row.paste(panel, (x, y))
-        pen.rectangle((x - 1, y - 1, x + panel.width, y + panel.height), outline=_INK)
+        pen.rectangle((x - 1, y - 1, x + panel.width, y + panel.height), outline=INK)
     return row
 
 
@@ -119,7 +119,7 @@ def map_pixels(shades: Shades, classes: Codes, *, by_class: bool) -> Pixels:
     unseen = classes == UNKNOWN
     if not by_class:
         unseen &= np.isnan(shades)
-    pixels[unseen] = _UNSEEN
+    pixels[unseen] = UNSEEN
     return pixels
 
 
@@ -195,52 +195,13 @@ def _has_changes(layer: LayerReport, report: Report) -> bool:
 
 def _scale_bar(panel: Image.Image, resolution_m: float, scale: float) -> None:
     """A bar of a round length in the lower left corner, on a plate of its own."""
-    pen, font = ImageDraw.Draw(panel), _font()
+    pen, font = ImageDraw.Draw(panel), letters(_TEXT_PX)
     most_m = max(0.3 * panel.width / scale, 1.0) * resolution_m
     power = 10.0 ** np.floor(np.log10(most_m))
     length_m = float(max(k * power for k in (1, 2, 5) if k * power <= most_m))
     wide, text = length_m / resolution_m * scale, f"{length_m:g} m"
     low = panel.height
     plate = wide + font.getlength(text) + 22
-    pen.rectangle((0, low - _TEXT_PX - 8, plate, low), fill=_PAPER)
-    pen.line((6, low - 12, 6 + wide, low - 12), fill=_INK, width=4)
-    pen.text((12 + wide, low - 12), text, _INK, font, anchor="lm")
-
-
-def _legend(width: int) -> Image.Image:
-    """Coloured squares with their meaning, in as many lines as it takes."""
-    font, line = _font(), _TEXT_PX + 10
-    places, x, y = [], _GAP_PX, 0
-    for colour, text in _LEGEND:
-        wide = int(font.getlength(text)) + _TEXT_PX + 28
-        if x + wide > width and x > _GAP_PX:
-            x, y = _GAP_PX, y + line
-        places.append((x, y, colour, text))
-        x += wide
-    image = Image.new("RGB", (width, y + line), _PAPER)
-    pen = ImageDraw.Draw(image)
-    for x, y, colour, text in places:
-        box = (x, y + 2, x + _TEXT_PX, y + 2 + _TEXT_PX)
-        if colour == _WORST:
-            pen.ellipse(box, outline=colour, width=3)
-        else:
-            pen.rectangle(box, fill=colour, outline=_INK)
-        pen.text((x + _TEXT_PX + 6, y), text, _INK, font)
-    return image
-
-
-def _wrapped(text: str, width: int, font: ImageFont.FreeTypeFont) -> list[str]:
-    lines = [""]
-    for word in text.split():
-        longer = f"{lines[-1]} {word}".strip()
-        if font.getlength(longer) > width and lines[-1]:
-            lines.append("   " + word)
-        else:
-            lines[-1] = longer if lines[-1].strip() else word
-    return lines
-
-
-def _font() -> ImageFont.FreeTypeFont:
-    font = ImageFont.load_default(_TEXT_PX)
-    assert isinstance(font, ImageFont.FreeTypeFont)
-    return font
+    pen.rectangle((0, low - _TEXT_PX - 8, plate, low), fill=PAPER)
+    pen.line((6, low - 12, 6 + wide, low - 12), fill=INK, width=4)
+    pen.text((12 + wide, low - 12), text, INK, font, anchor="lm")

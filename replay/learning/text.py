@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 from mapping.learning.sensors import LearnedSensor
-from replay.json_values import json_object
+from replay.json_values import json_value
 
 
 def verdict(learned: LearnedSensor) -> list[str]:
@@ -107,34 +107,21 @@ def table(learned: LearnedSensor) -> list[list[str]]:
 def as_json(learned: Iterable[LearnedSensor]) -> dict[str, Any]:
     """The figures by sensor; what is not known is null."""
     return {
-        each.sensor.name: _plain({
+        each.sensor.name: json_value({
             "against": each.against, "readings": each.fit.readings,
-            "mixture": json_object(each.fit.mixture), "interval": dict(each.fit.interval),
+            "mixture": each.fit.mixture, "interval": dict(each.fit.interval),
             "beam_width_deg": _degrees(each.beam_width_rad), "mirrored": each.long,
             "usable_m": list(each.usable_m), "settings": each.settings(),
             "verdict": verdict(each),
-            "by_range": [json_object(b) for b in each.by_range],
-            "by_incidence": [json_object(b) for b in each.by_incidence],
-        })
+            "by_range": each.by_range,
+            "by_incidence": each.by_incidence,
+        }, nulls=True)
         for each in learned
     }  # fmt: skip
 
 
 def _degrees(angle_rad: float | None) -> float | None:
     return None if angle_rad is None else math.degrees(angle_rad)
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case dict():
-            return {key: _plain(inner) for key, inner in value.items()}
-        case list() | tuple():
-            return [_plain(inner) for inner in value]
-        case float() if not math.isfinite(value):
-            return None
-        case str() if value in ("nan", "inf", "-inf"):
-            return None
-    return value
 
 
 def csv(learned: Iterable[LearnedSensor]) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw, ImageFont
+from PIL import Image, ImageDraw
 
 from mapping.grid import Window
 from mapping.scoring.cells import NEAR_M, OCCUPIED, WALL_STEP_M, CellScore, along, lies_on
@@ -19,22 +19,21 @@ from mapping.scoring.truth import Truth
 from recorder.errors import BadInput
 from recorder.outputs import written_beside
 from replay.scoring.judging import JudgedLayer, ScoreReport
+from replay.swatches import GAP_PX, INK, PAPER, UNSEEN, Colour, legend, letters, wrapped
 
 Floats = NDArray[np.float64]
-Colour = tuple[int, int, int]
 
-_PAPER, _INK, _UNSEEN = (255, 255, 255), (20, 20, 20), (150, 158, 178)
 _FOUND, _MISSED, _NOT_SEEN = (44, 140, 44), (214, 39, 40), (110, 110, 110)
 _GHOST, _LINE, _GRID = (255, 127, 14), (31, 100, 210), (215, 215, 215)
 _MAP_PX, _HIGHEST_PX, _LARGEST_CELL_PX, _CURVE_PX = 520, 520, 24.0, 260
-_GAP_PX, _TEXT_PX = 16, 15
+_TEXT_PX = 15
 _AIR_M = 0.1
 _MOST_LAYERS = 4
 _LEGEND = (
     (_FOUND, "wall that the map has"), (_MISSED, "wall that it misses"),
     (_NOT_SEEN, "wall that could not be seen"),
     (_GHOST, "ghost: a wall where nothing could be seen"),
-    (_LINE, "line of the map"), (_UNSEEN, "could not be seen"),
+    (_LINE, "line of the map"), (UNSEEN, "could not be seen"),
 )  # fmt: skip
 
 
@@ -53,14 +52,14 @@ def save_picture(report: ScoreReport, path: Path) -> None:
 def draw(report: ScoreReport, truth: Truth) -> Image.Image:
     """A row for each layer, at most four, and the legend below."""
     rows = [_row(layer, truth) for layer in report.layers[-_MOST_LAYERS:]]
-    width = _MAP_PX + _CURVE_PX + 4 * _GAP_PX
-    legend = _legend(width)
-    head = _TEXT_PX + _GAP_PX
-    page = Image.new("RGB", (width, head + sum(r.height for r in rows) + legend.height), _PAPER)
+    width = _MAP_PX + _CURVE_PX + 4 * GAP_PX
+    below = legend(_LEGEND, width, _TEXT_PX)
+    head = _TEXT_PX + GAP_PX
+    page = Image.new("RGB", (width, head + sum(r.height for r in rows) + below.height), PAPER)
     title = f"{report.path.name} against {report.truth_name}"
-    ImageDraw.Draw(page).text((_GAP_PX, 8), title, _INK, _font())
+    ImageDraw.Draw(page).text((GAP_PX, 8), title, INK, letters(_TEXT_PX))
     y = head
-    for each in [*rows, legend]:
+    for each in [*rows, below]:
         page.paste(each, (0, y))
         y += each.height
     return page
@@ -79,16 +78,17 @@ def _row(layer: JudgedLayer, truth: Truth) -> Image.Image:
             f"lines within 5 cm: {100 * at.completeness:.0f} % of the wall, "
             f"{100 * at.correctness:.0f} % right"
         )
-    height = max(panel.height, _CURVE_PX + 90) + _TEXT_PX + 2 * _GAP_PX
-    row = Image.new("RGB", (_MAP_PX + _CURVE_PX + 4 * _GAP_PX, height), _PAPER)
-    pen, font = ImageDraw.Draw(row), _font()
-    pen.text((_GAP_PX, 4), f"layer {layer.score.layer}", _INK, font)
-    top = _TEXT_PX + _GAP_PX
-    row.paste(panel, (_GAP_PX, top))
-    pen.rectangle((_GAP_PX - 1, top - 1, _GAP_PX + panel.width, top + panel.height), outline=_INK)
-    x = _MAP_PX + 3 * _GAP_PX
+    height = max(panel.height, _CURVE_PX + 90) + _TEXT_PX + 2 * GAP_PX
+    row = Image.new("RGB", (_MAP_PX + _CURVE_PX + 4 * GAP_PX, height), PAPER)
+    pen, font = ImageDraw.Draw(row), letters(_TEXT_PX)
+    pen.text((GAP_PX, 4), f"layer {layer.score.layer}", INK, font)
+    top = _TEXT_PX + GAP_PX
+    row.paste(panel, (GAP_PX, top))
+    pen.rectangle((GAP_PX - 1, top - 1, GAP_PX + panel.width, top + panel.height), outline=INK)
+    x = _MAP_PX + 3 * GAP_PX
     row.paste(_curve(cells), (x, top))
-    pen.multiline_text((x, top + _CURVE_PX + 24), "\n".join(_wrapped(texts)), _INK, font)
+    lines_of_text = [line for text in texts for line in wrapped(text, _CURVE_PX + GAP_PX, font)]
+    pen.multiline_text((x, top + _CURVE_PX + 24), "\n".join(lines_of_text), INK, font)
     return row
 
 
@@ -99,7 +99,7 @@ def _map_panel(layer: JudgedLayer, truth: Truth) -> Image.Image:
     ghosts = taken & ~layer.seen & ~walls
     grey = np.round(255.0 * (1.0 - np.clip(np.nan_to_num(layer.probability, nan=0.5), 0, 1)))
     pixels = np.repeat(grey.astype(np.uint8)[..., None], 3, axis=2)
-    pixels[~layer.seen] = _UNSEEN
+    pixels[~layer.seen] = UNSEEN
     pixels[ghosts] = _GHOST
     window = _grown(Window.around(walls | layer.seen | ghosts), layer)
     scale = min(_MAP_PX / window.cols, _HIGHEST_PX / window.rows, _LARGEST_CELL_PX)
@@ -150,8 +150,8 @@ def _grown(window: Window, layer: JudgedLayer) -> Window:
 def _curve(cells: CellScore) -> Image.Image:
     """The share of walls among cells of each probability; on the diagonal both are the same."""
     size = _CURVE_PX
-    image = Image.new("RGB", (size + 12, size + 22), _PAPER)
-    pen, font = ImageDraw.Draw(image), _font(11)
+    image = Image.new("RGB", (size + 12, size + 22), PAPER)
+    pen, font = ImageDraw.Draw(image), letters(11)
     for k in range(5):
         at = round(k * size / 4)
         pen.line((at, 0, at, size), fill=_GRID)
@@ -162,46 +162,8 @@ def _curve(cells: CellScore) -> Image.Image:
         pen.line(points, fill=_LINE, width=2)
     for x, y in points:
         pen.ellipse((x - 3, y - 3, x + 3, y + 3), fill=_LINE)
-    pen.rectangle((0, 0, size, size), outline=_INK)
-    pen.text((4, 4), "share of walls", _INK, font)
-    pen.text((size - 62, size + 4), "probability", _INK, font)
-    pen.text((0, size + 4), f"calibration error {cells.calibration_error:.3f}", _INK, font)
+    pen.rectangle((0, 0, size, size), outline=INK)
+    pen.text((4, 4), "share of walls", INK, font)
+    pen.text((size - 62, size + 4), "probability", INK, font)
+    pen.text((0, size + 4), f"calibration error {cells.calibration_error:.3f}", INK, font)
     return image
-
-
-def _legend(width: int) -> Image.Image:
-    font, line = _font(), _TEXT_PX + 10
-    places, x, y = [], _GAP_PX, 0
-    for colour, text in _LEGEND:
-        wide = int(font.getlength(text)) + _TEXT_PX + 28
-        if x + wide > width and x > _GAP_PX:
-            x, y = _GAP_PX, y + line
-        places.append((x, y, colour, text))
-        x += wide
-    image = Image.new("RGB", (width, y + line), _PAPER)
-    pen = ImageDraw.Draw(image)
-    for x, y, colour, text in places:
-        pen.rectangle((x, y + 2, x + _TEXT_PX, y + 2 + _TEXT_PX), fill=colour, outline=_INK)
-        pen.text((x + _TEXT_PX + 6, y), text, _INK, font)
-    return image
-
-
-def _wrapped(texts: list[str]) -> list[str]:
-    width = _CURVE_PX + _GAP_PX
-    font, lines = _font(), list[str]()
-    for text in texts:
-        line = ""
-        for word in text.split():
-            longer = f"{line} {word}".strip()
-            if font.getlength(longer) > width and line:
-                lines.append(line)
-                longer = word
-            line = longer
-        lines.append(line)
-    return lines
-
-
-def _font(size: int = _TEXT_PX) -> ImageFont.FreeTypeFont:
-    font = ImageFont.load_default(size)
-    assert isinstance(font, ImageFont.FreeTypeFont)
-    return font

@@ -37,23 +37,14 @@ def as_json(report: ScoreReport) -> dict[str, Any]:
         "judged_over": report.basis or None,
         "layers": {
             each.score.layer: {
-                **_plain(json_object(each.score.cells)),
-                "lines": {line.source: _plain(json_object(line)) for line in each.score.lines},
+                **json_object(each.score.cells, nulls=True),
+                "lines": {line.source: json_object(line, nulls=True) for line in each.score.lines},
             }
             for each in report.layers
         },
-        "held_out": {each.of: _plain(json_object(each)) for each in report.held_out},
+        "held_out": {each.of: json_object(each, nulls=True) for each in report.held_out},
         "notes": list(report.notes),
     }
-
-
-def _plain(value: Any) -> Any:
-    """NaN and infinities, which JSON has no number for, as null."""
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, list):
-        return [_plain(inner) for inner in value]
-    return None if value in ("nan", "inf", "-inf") else value
 
 
 def _cell_rows(report: ScoreReport) -> list[list[str]]:
