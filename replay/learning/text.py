@@ -16,7 +16,7 @@ def verdict(learned: LearnedSensor) -> list[str]:
     low_m, high_m = learned.usable_m
     lines = []
     if math.isnan(low_m):
-        lines.append("At no distance are most of its readings right: do not use it as it is.")
+        lines.append("At no distance are 40 % of its readings right: do not use it as it is.")
     else:
         lines.append(f"Use it from {_length(low_m)} to {_length(high_m)}.")
     if "scale" not in fit.fixed:

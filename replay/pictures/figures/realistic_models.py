@@ -11,7 +11,8 @@ from mapping.beams import Beam
 from mapping.sensor_model import emptiness, regions_table
 from replay.pictures import style
 from replay.pictures.figures.bench import CHAPTER, Bench, Role, box_of_beam
-from replay.pictures.figures.figure import Drawing, Figure, LeftOut
+from replay.pictures.figures.figure import Drawing, Figure
+from replay.pictures.figures.learned_models import learned_model, near_and_far
 from replay.pictures.figures.shading import (
     arc_m,
     blank,
@@ -363,10 +364,6 @@ def _narrow_map(bench: Bench) -> Drawing:
     return Drawing((probable(bench, "", layer),), caption)
 
 
-def _not_yet(_: Bench) -> Drawing:
-    raise LeftOut("the figures of learned models are not drawn yet")
-
-
 _SQUARE = Chart("", "", "", ()).frame.grown_to(1.25, 1.0)
 
 FIGURES = (
@@ -392,6 +389,6 @@ FIGURES = (
     Figure("emptiness-maps", IMPROVING, "Emptiness for all readings", _emptiness_many),
     Figure("unlikely-readings", IMPROVING, "Readings that are unlikely", _unlikely, CHAPTER, "any"),
     Figure("infrared-combined", IMPROVING, "The infrared's map", _narrow_map, CHAPTER, "narrow"),
-    Figure("learned-model", LEARNING, "A learned model against an ideal one", _not_yet),
-    Figure("near-and-far-models", LEARNING, "Models for near and far readings", _not_yet),
+    Figure("learned-model", LEARNING, "A learned model against an ideal one", learned_model),
+    Figure("near-and-far-models", LEARNING, "Models for near and far readings", near_and_far),
 )
