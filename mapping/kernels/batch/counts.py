@@ -45,11 +45,11 @@ def _gain(values: Floats, row: int, first: int, after: int, what: int) -> None:
 
 @loop
 def _add_wide(
-    values: Floats, seen: Bits, place: Place, beam: Beam, what: int, with_free: bool, part: int,
-    parts: int,
+    values: Floats, shape: tuple[int, int], seen: Bits, place: Place, beam: Beam, what: int,
+    with_free: bool, part: int, parts: int,
 ) -> None:  # fmt: skip
     """The rows of a beam of 180 degrees and more, each cell looked at on its own."""
-    row0, row1, col0, col1 = box_of(beam, place, values.shape[0], values.shape[1])
+    row0, row1, col0, col1 = box_of(beam, place, shape[0], shape[1])
     for row in range(row0 + (part - (row0 - place.row0)) % parts, row1, parts):
         dy, own = (row + 0.5) * place.size_m + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
@@ -68,11 +68,11 @@ def add_bands(
 ) -> None:  # fmt: skip
     """Add readings, in their order, to the rows part, part + parts, ... of a map.
 
-    ``values`` and ``observed`` are (rows, cols); the latter gets the cells of which anything was
-    said. ``sensors`` (S, 2) holds half the beam's width, and 1 where a sensor's model says
+    ``values`` is (rows, cols or more), ``observed`` (rows, cols) gets the cells of which anything
+    was said. ``sensors`` (S, 2) holds half the beam's width, and 1 where a sensor's model says
     something of the cells in front. ``what``: COUNT, BINARY, or NOTHING (only ``observed``).
     """
-    rows, cols = values.shape
+    rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     seen, widths = blank_seen(rows, cols, part, parts), widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
@@ -88,7 +88,7 @@ def add_bands(
             mark(seen, row // parts, col, col, col, col + 1, True)
             _gain(values, row, col, col + 1, what)
         if half > WIDEST_RAD:
-            _add_wide(values, seen, place, beam, what, with_free, part, parts)
+            _add_wide(values, (rows, cols), seen, place, beam, what, with_free, part, parts)
             continue
         shift = place.col0
         mark_rows(seen, first // parts, count, shift, spans, with_free)
