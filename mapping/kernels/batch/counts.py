@@ -68,11 +68,11 @@ def add_bands(
 ) -> None:  # fmt: skip
     """Add readings, in their order, to the rows begin to end - 1 of a map.
 
-    ``values`` and ``observed`` are (rows, cols); the latter gets the cells of which anything was
-    said. ``sensors`` (S, 2) holds half the beam's width, and 1 where a sensor's model says
+    ``values`` is (rows, cols or more), ``observed`` (rows, cols) gets the cells of which anything
+    was said. ``sensors`` (S, 2) holds half the beam's width, and 1 where a sensor's model says
     something of the cells in front. ``what``: COUNT, BINARY, or NOTHING (only ``observed``).
     """
-    rows, cols = values.shape
+    rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     seen, widths = blank_seen(rows, cols, 0, 1), widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
