@@ -31,7 +31,7 @@ _SKIPPED = {
     ("TempGrid", "beam"), ("TempGrid", "geometry"), ("MergedGrid", "beam"),
     ("MergedGrid", "geometry"), ("Border", "geometry"), ("Thresholded", "geometry"),
     ("Started", "beam_widths_rad"),
-    ("Sums", "terms"),  # the rule's own method; what it is given is there
+    ("Sums", "rule"),
 }  # fmt: skip
 
 Fingerprint = tuple[int, float, float]
