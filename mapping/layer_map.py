@@ -18,7 +18,7 @@ from mapping.grid import GridGeometry, Layer, check_memory
 from mapping.parameters import Sensor
 from mapping.readings import Readings
 from mapping.sensor_model import make_temp_grid
-from mapping.update_rules import start
+from mapping.update_rules import UPDATE_RULES, start
 from recorder.columns import Ints
 
 _SLOWLY = ""
@@ -99,6 +99,6 @@ def empty_maps(
 
     Raises BadInput where they would take more memory than the configuration allows.
     """
-    layers = dict.fromkeys(sensor.layer for sensor in sensors)
-    check_memory(geometry, len(layers), section.max_memory_mb)
+    layers = {sensor.layer: len(UPDATE_RULES[sensor.update].start) for sensor in sensors}
+    check_memory(geometry, list(layers.values()), section.max_memory_mb)
     return {name: LayerMap(name, sensors, geometry, threads=threads) for name in layers}

@@ -6,9 +6,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any
 
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.fusion import check_layers
+from mapping.update_rules.rules import Bayes
 from recorder.messages import Radiation, Range, Scan
 
 
@@ -41,7 +43,28 @@ def resolve_sensors(
         for name, s in found.items()
     }
     check_layers(resolved.values())
-    return resolved
+    return with_one_rule_a_layer(resolved, config)
+
+
+def with_one_rule_a_layer(
+    sensors: Mapping[str, Sensor], config: MappingConfig
+) -> dict[str, Sensor]:
+    """A layer has one rule, that of its last sensor. Where its sensors differ in it, or in what it
+    was learned of, those for which none was named take ``bayes``, which suits any mixture."""
+    found: dict[str, set[tuple[str, Any]]] = {}
+    for each in sensors.values():
+        found.setdefault(each.layer, set()).add((each.update, each.own.get("weights")))
+    return {
+        name: each
+        if len(found[each.layer]) == 1 or _rule_is_named(name, config)
+        else replace(each, update=Bayes.name, own={**each.own, "weights": ""})
+        for name, each in sensors.items()
+    }
+
+
+def _rule_is_named(sensor: str, config: MappingConfig) -> bool:
+    sections = (config.sensors.get("*"), config.sensors.get(sensor))
+    return any(each is not None and getattr(each, "update", None) for each in sections)
 
 
 def _reported(reading: Range | Scan) -> ReportedSensor:

@@ -141,6 +141,10 @@ class Exporter:
             "used": dict(done.used) if done else {},
             "dropped": dict(done.dropped) if done else {},
             "layers": layers,
+            "sensors": {
+                s.name: {"kind": s.kind, "layer": s.layer, "model": s.model, "update": s.update}
+                for s in self._results.sensors
+            },
             "versions": versions(),
             "config": json_value(self._config),
             "config_toml": self._config_text,

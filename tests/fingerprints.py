@@ -31,6 +31,7 @@ _SKIPPED = {
     ("TempGrid", "beam"), ("TempGrid", "geometry"), ("MergedGrid", "beam"),
     ("MergedGrid", "geometry"), ("Border", "geometry"), ("Thresholded", "geometry"),
     ("Started", "beam_widths_rad"),
+    ("Sums", "rule"),
 }  # fmt: skip
 
 Fingerprint = tuple[int, float, float]

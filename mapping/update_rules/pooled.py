@@ -19,6 +19,7 @@ from mapping.numbers import expit
 from mapping.update_rules.base import Cells, Floats, UpdateRule
 from mapping.update_rules.pooled_weights import MEDIUM, Weights, weights_of
 from mapping.update_rules.saturating import in_steps
+from recorder.messages import Radiation
 from recorder.sensors import SensorKind
 
 NEAR_M, MIDDLE_M = 0.2, 0.4  # misses nearer than the first, and from there to the second
@@ -29,6 +30,7 @@ LIMITS = NEAR_M, MIDDLE_M, BEFORE_ARC_M, THIN, THIN_M, FARTHEST_MISS_M
 """What the kernel is given of these, in its order."""
 LEAST = 0.01  # hits and misses together: what one reading at 7 m counts
 MOST = 13.8  # log-odds that no sums pass
+WIDEST_LIGHT_DEG = 15.0  # the weights of light are those of a thin beam: in a cone they free walls
 _HALF_DIAGONAL = 0.7072
 _ROUNDING_M = 1e-9
 
@@ -49,6 +51,7 @@ class Pooled(UpdateRule):
     name = "pooled"
     per_sample = False
     needs_a_view = True
+    ignores = frozenset({"regions", "gaussian", "p_hit", "p_miss", "hit", "miss", "near", "fade_m"})
     start: ClassVar[dict[str, float]] = {
         "hits": 0.0, "misses": 0.0, "on_arc": 0.0, "before_arc": 0.0, "misses_near": 0.0,
         "misses_middle": 0.0, "nearest_miss_m": FARTHEST_MISS_M, "nearest_hit_m": FARTHEST_HIT_M,
@@ -61,6 +64,9 @@ class Pooled(UpdateRule):
 
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return {"weights": MEDIUM[kind.radiation]}
+
+    def suits(self, kind: SensorKind, beam_width_deg: float) -> bool:
+        return kind.radiation is Radiation.ULTRASOUND or beam_width_deg <= WIDEST_LIGHT_DEG
 
     @property
     def learned(self) -> Weights:

@@ -125,7 +125,7 @@ class MapState:
         self._follow_largest(temp.window, before)
         cells, sums = self._cut(temp.window), None
         if old is not None:
-            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule.terms)
+            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule)
         probability = self.rule.probability(cells, self._largest).astype(np.float32)
         values = probability
         if not self._values_are_probabilities:
