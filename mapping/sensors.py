@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.fusion import check_layers
+from recorder.errors import BadInput
 from recorder.messages import Radiation, Range, Scan
 
 
@@ -40,6 +41,9 @@ def resolve_sensors(
         name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
         for name, s in found.items()
     }
+    for name, reading in first.items():
+        if isinstance(reading, Scan) and resolved[name].nearer:
+            raise BadInput(f"sensors.{name}.ranges: the beams of a scan share one model")
     check_layers(resolved.values())
     return resolved
 
