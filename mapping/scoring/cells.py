@@ -43,7 +43,8 @@ class CellScore:
     cells, so that both weigh as much; lower is better, undecided everywhere is 0.693 and 0.25.
     ``wall_distance_*`` is how far cells taken as walls lie from the nearest wall; ``wall_found``
     the share of the seen wall with such a cell within 4 cm; ``ghost_m2`` how much is taken as a
-    wall where nothing could be seen.
+    wall where nothing could be seen. ``glass_m`` is how much glass, by length, light went through:
+    it gives no echo and is not judged.
     """
 
     free_cells: int
@@ -60,6 +61,7 @@ class CellScore:
     wall_distance_p95_m: float
     wall_found: float
     ghost_m2: float
+    glass_m: float = 0.0
 
 
 def score_cells(
@@ -89,6 +91,7 @@ def score_cells(
         wall_distance_p95_m=p95_m,
         wall_found=_found(taken, geometry, truth, seen & walls),
         ghost_m2=float((taken & ~seen & ~walls).sum()) * geometry.resolution_m**2,
+        glass_m=_glass(geometry, truth, seen),
     )
 
 
@@ -155,6 +158,16 @@ def _found(taken: Flags, geometry: GridGeometry, truth: Truth, seen_walls: Flags
         return 0.0
     cells = cKDTree(geometry.centres_of(np.argwhere(taken)))
     return float((cells.query(places_m)[0] <= NEAR_M + 1e-9).mean())
+
+
+def _glass(geometry: GridGeometry, truth: Truth, seen: Flags) -> float:
+    """The length of the glass that was not seen itself, with seen cells beside it."""
+    places_m = along(truth.glass_m, WALL_STEP_M)[0]
+    at = geometry.cells_of(places_m)
+    inside = geometry.contains(at)
+    places_m, at = places_m[inside], at[inside]
+    passed = lies_on(places_m, seen, geometry) & ~seen[at[:, 0], at[:, 1]]
+    return float(passed.sum()) * WALL_STEP_M
 
 
 def along(pieces_m: Floats, step_m: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
