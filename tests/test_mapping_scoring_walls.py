@@ -120,7 +120,7 @@ def test_light_is_not_blamed_for_glass_and_sees_what_is_behind():
     assert seen["fused"][cells].tolist() == [True, True, True]
     empty = np.full(GRID.shape, 0.1)  # free everywhere, the glass too
     by_light = score_cells(empty, GRID, walls, seen["dirrs"])
-    assert by_light.glass_m == pytest.approx(2 * 0.44 * math.tan(math.radians(19.0)), abs=0.1)
+    assert by_light.glass_m == pytest.approx(2 * 0.44 * math.tan(math.radians(19.0)), abs=0.05)
     assert by_light.wall_cells == 0
     by_sound = score_cells(empty, GRID, walls, seen["ping"])
     assert by_sound.glass_m == 0.0

@@ -161,13 +161,23 @@ def _found(taken: Flags, geometry: GridGeometry, truth: Truth, seen_walls: Flags
 
 
 def _glass(geometry: GridGeometry, truth: Truth, seen: Flags) -> float:
-    """The length of the glass that was not seen itself, with seen cells beside it."""
-    places_m = along(truth.glass_m, WALL_STEP_M)[0]
+    """The length of the glass that was not seen itself, though what lies on both its sides was."""
+    places_m, along_rad, _ = along(truth.glass_m, WALL_STEP_M)
+    normal = np.column_stack([-np.sin(along_rad), np.cos(along_rad)])
+    beside_m = 1.5 * geometry.resolution_m * normal
+    itself, left, right = (
+        looked_up(seen, places_m + off_m, geometry) for off_m in (0.0, beside_m, -beside_m)
+    )
+    return float((left & right & ~itself).sum()) * WALL_STEP_M
+
+
+def looked_up(cells: Flags, places_m: Floats, geometry: GridGeometry) -> Flags:
+    """What cells (rows, cols) hold at places (N, 2) in metres; nothing outside the grid."""
     at = geometry.cells_of(places_m)
     inside = geometry.contains(at)
-    places_m, at = places_m[inside], at[inside]
-    passed = lies_on(places_m, seen, geometry) & ~seen[at[:, 0], at[:, 1]]
-    return float(passed.sum()) * WALL_STEP_M
+    found = np.zeros(len(at), np.bool_)
+    found[inside] = cells[at[inside, 0], at[inside, 1]]
+    return found
 
 
 def along(pieces_m: Floats, step_m: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
@@ -188,9 +198,5 @@ def lies_on(places_m: Floats, cells: Flags, geometry: GridGeometry) -> Flags:
     """Which places (N, 2) lie in one of the cells (rows, cols) or beside it."""
     from scipy.ndimage import binary_dilation
 
-    near = binary_dilation(cells, np.ones((3, 3), np.bool_))
-    at = geometry.cells_of(places_m)
-    inside = geometry.contains(at)
-    found = np.zeros(len(places_m), np.bool_)
-    found[inside] = near[at[inside, 0], at[inside, 1]]
-    return found
+    near: Flags = binary_dilation(cells, np.ones((3, 3), np.bool_))
+    return looked_up(near, places_m, geometry)
