@@ -26,7 +26,7 @@ from mapping.config_sections import (
     sensor_section,
 )
 from mapping.names import choose
-from mapping.parameters import Configurable, ParameterSection, Section, Sensor
+from mapping.parameters import Configurable, ParameterSection, Section, Sensor, Table
 from mapping.sensor_model.models import SENSOR_MODELS
 from mapping.update_rules.rules import UPDATE_RULES
 from recorder.errors import BadInput
@@ -123,7 +123,9 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
         layer=values.pop("layer", None) or "",
         mount=None if mount is None else SE2(mount[0], mount[1], math.radians(mount[2])),
         beam_width_rad=math.radians(width_deg),
-        own={key: values.pop(key) for key in parameter_keys() if key not in _SENSOR_FIELDS},
+        own={
+            key: _settled(values.pop(key)) for key in parameter_keys() if key not in _SENSOR_FIELDS
+        },
         **values,
     )
     return replace(sensor, nearer=tuple(_changed(sensor, each) for each in ranges))
@@ -131,9 +133,13 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
 
 def _changed(sensor: Sensor, keys: Mapping[str, Any]) -> Sensor:
     """The sensor with other values of some keys, its own and those of plugins."""
-    own = {key: value for key, value in keys.items() if key not in _SENSOR_FIELDS}
+    own = {key: _settled(value) for key, value in keys.items() if key not in _SENSOR_FIELDS}
     of_all = {key: value for key, value in keys.items() if key in _SENSOR_FIELDS}
     return replace(sensor, own={**sensor.own, **own}, **of_all)
+
+
+def _settled(value: Any) -> Any:
+    return Table(value) if isinstance(value, dict) else value
 
 
 def _check_names(sensor: str, layer: str | None) -> None:

@@ -105,8 +105,10 @@ def _toml(config: MappingConfig, *, choices: bool) -> str:
 def _item(value: Any) -> Any:
     """A value of a key, what has keys itself in one line: a table would take the keys after it."""
     if isinstance(value, BaseModel):
+        value = value.model_dump(exclude_none=True)
+    if isinstance(value, dict):
         inline = tomlkit.inline_table()
-        inline.update(value.model_dump(exclude_none=True))
+        inline.update({key: _item(each) for key, each in value.items()})
         return inline
     if isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
         several = tomlkit.array()

@@ -51,6 +51,13 @@ class ParameterSection(Section):
         }  # fmt: skip
 
 
+class Table(dict[str, Any]):
+    """A value that has keys itself; sensors with such a one can still be told apart and counted."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(repr(sorted(self.items())))
+
+
 class Configurable:
     """Base of sensor models and update rules: a name, and the keys that are theirs alone.
 

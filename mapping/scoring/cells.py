@@ -95,6 +95,11 @@ def score_cells(
     )
 
 
+def log_loss_of(probability: Floats, walls: Flags, seen: Flags) -> float:
+    """The log-loss alone, of a layer (rows, cols) over the cells that could be seen."""
+    return (_log_loss(1.0 - probability[seen & ~walls]) + _log_loss(probability[seen & walls])) / 2
+
+
 def area_under_curve(free_p: Floats, wall_p: Floats) -> float:
     """The chance that a wall cell has the higher probability of two, ties half (Mann-Whitney)."""
     if not len(free_p) or not len(wall_p):

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from mapping.learning.known_ranges import REACHED
 from mapping.learning.sensors import IncidenceBin, LearnedSensor
+from mapping.learning.strengths import LearnedStrengths
 from replay.json_values import json_value
 
 _STEEP_DEG, _SLANTED_DEG = 20.0, 30.0
@@ -128,19 +129,57 @@ def _percent(share: float) -> str:
     return f"{100 * share:.0f} %"
 
 
-def sensor_file(learned: Iterable[LearnedSensor], sources: Sequence[str]) -> str:
+def worth(strengths: LearnedStrengths) -> list[str]:
+    """How strong a layer's evidence should be, and what that is worth, a sentence a line."""
+    names = ", ".join(strengths.sensors)
+    shown = {key: value for key, value in strengths.settings.items() if key != "weights"}
+    what = ", ".join(f"{key} {value:g}" for key, value in shown.items()) or "weights of its sums"
+    kept = "another time in the same room" if strengths.same_room else "rooms"
+    lines = [
+        f"Evidence of {names} by the rule {strengths.rule}: {what}.",
+        f"Log-loss of maps of {kept}, kept out in turn ({len(strengths.kept_out)}): with what was "
+        f"learned of the others {strengths.learned:.3f}, as it was {strengths.before:.3f} "
+        "(undecided: 0.693).",
+    ]
+    if not strengths.is_better:
+        lines.append("That is not better: the file leaves them as they are.")
+    elif strengths.same_room:
+        lines.append("Another room would tell more: give sessions of several.")
+    return lines
+
+
+def sensor_file(
+    learned: Iterable[LearnedSensor],
+    sources: Sequence[str],
+    strengths: Sequence[LearnedStrengths] = (),
+) -> str:
     """What ``map --config`` takes, with the verdict as comments."""
     parts = [f"# learned from {', '.join(sources)}"]
+    notes: dict[str, list[str]] = {}
+    keys: dict[str, dict[str, Any]] = {}
     for each in learned:
-        parts += ["", *(f"# {line}" for line in verdict(each))]
-        values = each.settings()
-        ranges = values.pop("ranges", [])
-        parts.append(f"[sensors.{each.sensor.name}]")
-        parts += [f"{key} = {value!r}" for key, value in values.items()]
-        for nearer in ranges:
-            parts.append(f"[[sensors.{each.sensor.name}.ranges]]")
-            parts += [f"{key} = {value!r}" for key, value in nearer.items()]
+        notes[each.sensor.name], keys[each.sensor.name] = verdict(each), each.settings()
+    for layer in strengths:
+        for name in layer.sensors:
+            notes[name] = [*notes.get(name, []), *worth(layer)]
+            keys[name] = {**keys.get(name, {}), **(layer.settings if layer.is_better else {})}
+    for name, values in keys.items():
+        parts += ["", *(f"# {line}" for line in notes[name]), *_section(f"sensors.{name}", values)]
     return "\n".join(parts) + "\n"
+
+
+def _section(path: str, values: Mapping[str, Any]) -> list[str]:
+    """A table of TOML: its own keys first, as those of inner tables would take what follows."""
+    lines, inner = [f"[{path}]"], []
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            inner += _section(f"{path}.{key}", value)
+        elif isinstance(value, list):
+            for each in value:
+                inner += [f"[[{path}.{key}]]", *(f"{k} = {v!r}" for k, v in each.items())]
+        else:
+            lines.append(f"{key} = {value!r}")
+    return [*lines, *inner]
 
 
 def table(learned: LearnedSensor) -> list[list[str]]:
@@ -160,9 +199,13 @@ def table(learned: LearnedSensor) -> list[list[str]]:
     return rows
 
 
-def as_json(learned: Iterable[LearnedSensor]) -> dict[str, Any]:
+def as_json(
+    learned: Iterable[LearnedSensor], strengths: Sequence[LearnedStrengths] = ()
+) -> dict[str, Any]:
     """The figures by sensor; what is not known is null."""
-    return {
+    worth = {name: {"strengths": json_value(each, nulls=True)}
+             for each in strengths for name in each.sensors}  # fmt: skip
+    figures: dict[str, Any] = {
         each.sensor.name: json_value({
             "against": each.against, "readings": each.fit.readings,
             "mixture": each.fit.mixture, "interval": dict(each.fit.interval),
@@ -175,6 +218,9 @@ def as_json(learned: Iterable[LearnedSensor]) -> dict[str, Any]:
         }, nulls=True)
         for each in learned
     }  # fmt: skip
+    for name, more in worth.items():
+        figures[name] = {**figures.get(name, {}), **more}
+    return figures
 
 
 def _degrees(angle_rad: float | None) -> float | None:
