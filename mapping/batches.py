@@ -101,9 +101,15 @@ class _Kernel:
     """What all kernels for readings of one axis have in common: the readings as they want them."""
 
     def __init__(self, rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> None:
-        self.rule, self.sensors = rule, [sensors[number] for number in mine]
+        models = [sensors[number].models for number in mine]
+        self.rule, self.sensors = rule, [model for each in models for model in each]
         self._row = np.zeros(len(sensors), np.int32)
-        self._row[list(mine)] = np.arange(len(mine))
+        self._row[list(mine)] = np.cumsum([0, *map(len, models)])[:-1]
+        # Up to which range each model goes but the last, by sensor.
+        self._ends_m = np.full((len(sensors), max(map(len, models)) - 1), np.inf)
+        for number in mine:
+            nearer = sensors[number].nearer
+            self._ends_m[number, : len(nearer)] = [model.up_to_m for model in nearer]
         self._half_rad = np.array([sensor.beam_width_rad / 2.0 for sensor in self.sensors])
         self._band = np.array([SENSOR_MODELS[s.model].band(s) for s in self.sensors])
         self._mark_to_m = np.array([s.mark_to_m or np.inf for s in self.sensors])
@@ -115,7 +121,7 @@ class _Kernel:
         from mapping.kernels.batch.readings import ends_of
 
         start, axis = readings.world_from_sensor, readings.begins[rows]
-        of = self._row[readings.sensor[rows]]
+        of = self._models_of(readings.sensor[rows], readings.ranges_m[axis])
         before, behind = self._band[of].T
         ends = ends_of(
             readings.ranges_m[axis], readings.reach_m[axis], before, behind, self._empties[of],
@@ -125,6 +131,13 @@ class _Kernel:
         columns = (start.x_m[rows], start.y_m[rows], heading_rad, *ends)
         x_m, y_m, heading_rad, far, front, band = map(np.ascontiguousarray, columns)
         return Columns(x_m, y_m, heading_rad, far, front, band, of)
+
+    def _models_of(self, sensor: Ints, range_m: Floats) -> NDArray[np.int32]:
+        """The model of each reading (N,), as a row of the tables."""
+        row = self._row[sensor]
+        for end_m in self._ends_m.T:
+            row = row + (range_m > end_m[sensor])
+        return row.astype(np.int32, copy=False)
 
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
         """See :class:`Adder`."""

@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, SerializeAsAny, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializeAsAny,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 
 from mapping.parameters import (
@@ -64,6 +72,16 @@ class GridSection(Section):
     )
 
 
+class RangeSection(Section):
+    """What is otherwise in the shorter ranges of a sensor; :func:`sensor_section` adds the keys of
+    the models."""
+
+    up_to_m: Positive = Field(description="the longest range that this model is for")
+    range_error: Annotated[float, Field(ge=0, lt=1)] | None = Field(
+        None, description="relative error of such a range, +-"
+    )
+
+
 class SensorSection(Section):
     """One sensor, `[sensors.NAME]`. What is left out comes from the session or the built-ins.
 
@@ -92,6 +110,10 @@ class SensorSection(Section):
     )
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
+    ranges: tuple[RangeSection, ...] | None = Field(
+        None,
+        description="models of shorter ranges: up_to_m, and what is other there (docs/learn.md)",
+    )
     update: str | None = Field(None, description="update rule: bayes, odds, count ...")
     rasteriser: Literal["cells", "arcs", "rays"] | None = Field(
         None, description="every cell at its centre, the chapter's arcs, or a thin line each axis"
@@ -138,12 +160,24 @@ def sensor_section() -> type[Section]:
 def _with_keys_of(
     models: tuple[Configurable, ...], rules: tuple[Configurable, ...]
 ) -> type[Section]:
+    of_range = create_model(
+        "RangeSection", __base__=RangeSection, __module__=__name__, **dict(_own_keys(models))
+    )
     fields: dict[str, Any] = {}
     owners = {"model": models, "update": rules}
     for key, known in SensorSection.model_fields.items():
         fields[key] = (known.annotation, known)
         fields |= dict(_own_keys(owners.get(key, ())))
+    several = Annotated[tuple[of_range, ...], AfterValidator(_ascending)]
+    fields["ranges"] = (several | None, SensorSection.model_fields["ranges"])
     return create_model("SensorSection", __base__=_AllKeys, __module__=__name__, **fields)
+
+
+def _ascending(ranges: tuple[RangeSection, ...]) -> tuple[RangeSection, ...]:
+    ends = [each.up_to_m for each in ranges]
+    if any(later <= end for end, later in pairwise(ends)):
+        raise ValueError("up_to_m must grow from one to the next")
+    return ranges
 
 
 def _own_keys(members: tuple[Configurable, ...]) -> Iterator[tuple[str, Any]]:

@@ -71,7 +71,7 @@ class LayerMap:
         """Merge one reading that is the layer's, and show how: beam, temp grid, merged grid."""
         beam = readings.beam(row)
         yield beam
-        temp = make_temp_grid(beam, readings.sensors[readings.sensor[row]], self.geometry)
+        temp = make_temp_grid(beam, readings.model(row), self.geometry)
         yield temp
         rows = np.array([row])
         way = self._names[int(self._ways(readings, rows)[0])]

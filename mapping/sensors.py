@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
-from typing import Any
 
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.fusion import check_layers
 from mapping.update_rules.rules import Bayes
+from recorder.errors import BadInput
 from recorder.messages import Radiation, Range, Scan
 
 
@@ -42,6 +42,9 @@ def resolve_sensors(
         name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
         for name, s in found.items()
     }
+    for name, reading in first.items():
+        if isinstance(reading, Scan) and resolved[name].nearer:
+            raise BadInput(f"sensors.{name}.ranges: the beams of a scan share one model")
     check_layers(resolved.values())
     return with_one_rule_a_layer(resolved, config)
 
@@ -51,9 +54,9 @@ def with_one_rule_a_layer(
 ) -> dict[str, Sensor]:
     """A layer has one rule, that of its last sensor. Where its sensors differ in it, or in what it
     was learned of, those for which none was named take ``bayes``, which suits any mixture."""
-    found: dict[str, set[tuple[str, Any]]] = {}
+    found: dict[str, set[tuple[str, str]]] = {}
     for each in sensors.values():
-        found.setdefault(each.layer, set()).add((each.update, each.own.get("weights")))
+        found.setdefault(each.layer, set()).add((each.update, repr(each.own.get("weights"))))
     return {
         name: each
         if len(found[each.layer]) == 1 or _rule_is_named(name, config)

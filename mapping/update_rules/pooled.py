@@ -12,13 +12,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from mapping.artifacts import TempGrid
 from mapping.numbers import expit
 from mapping.update_rules.base import Cells, Floats, UpdateRule
-from mapping.update_rules.pooled_weights import MEDIUM, Weights, weights_of
+from mapping.update_rules.pooled_weights import MEDIUM, Weights, given_weights, weights_of
 from mapping.update_rules.saturating import in_steps
+from recorder.errors import BadInput
 from recorder.messages import Radiation
 from recorder.sensors import SensorKind
 
@@ -58,9 +59,19 @@ class Pooled(UpdateRule):
     }  # fmt: skip
 
     class Parameters(UpdateRule.Parameters):
-        weights: str = Field(
-            "", description="sonar, infrared, laser, or a TOML file of weights (docs/rules.md)"
+        weights: str | dict[str, float | dict[str, float]] = Field(
+            "", description="sonar, infrared, laser, a TOML file of weights, or a table of them"
         )
+
+        @field_validator("weights")
+        @classmethod
+        def _can_be_used(cls, weights: Any) -> Any:
+            if isinstance(weights, dict):
+                try:
+                    given_weights(weights)
+                except BadInput as error:
+                    raise ValueError(str(error)) from None
+            return weights
 
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return {"weights": MEDIUM[kind.radiation]}
@@ -71,7 +82,8 @@ class Pooled(UpdateRule):
     @property
     def learned(self) -> Weights:
         """The weights in force. Raises BadInput where their file cannot be used."""
-        return weights_of(self.parameters.weights or "sonar")
+        given = self.parameters.weights
+        return weights_of(given or "sonar") if isinstance(given, str) else given_weights(given)
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         x_m, y_m, rho, range_m = _distances(temp)
