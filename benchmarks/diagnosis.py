@@ -124,6 +124,21 @@ PLANTED = (
         "ping": SensorFaults(reports_as="dirrs"),
         "dirrs": SensorFaults(reports_as="ping", mount=SE2(0.0, 0.0, _yaw(seed)))}),
         "channels", also="mount"),
+    Planted("headings 5 degrees off",
+            lambda seed: replace(SOUND, heading_bias_deg=5.0 * _sign(seed)), "heading",
+            lambda s, seed: _off(math.radians(-5.0) * _sign(seed), ONE_DEG)(s)),
+    Planted("headings 5 degrees off, two infrared",
+            lambda seed: replace(SOUND, heading_bias_deg=5.0 * _sign(seed)), "heading",
+            lambda s, seed: _off(math.radians(-5.0) * _sign(seed), ONE_DEG)(s),
+            sensors=("ping", "dirrs", "dirrs_left"),
+            mounts={"dirrs_left": SE2(0.0, 0.03, math.pi / 2)}),
+    Planted("headings drift by 2 degrees a minute",
+            lambda seed: replace(SOUND, pose_drift_degpmin=2.0 * _sign(seed)), "drift",
+            lambda s, seed: s.unit == "rad/s"
+            and _off(math.radians(2.0 / 60.0) * _sign(seed), math.radians(0.3 / 60.0))(s)),
+    Planted("places drift by 5 cm a minute",
+            lambda seed: replace(SOUND, pose_drift_mpmin=0.05), "drift",
+            lambda s, seed: s.unit == "m/s"),
 )  # fmt: skip
 
 
