@@ -39,6 +39,14 @@ class PoseSection(Section):
         "", description="topic of the poses, or /tf; empty: /pose, or the only one there is"
     )
     offset_s: Coordinate = Field(0.0, description="added to the times of the poses")
+    heading_offset_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        0.0, description="added to the headings of the poses"
+    )
+    drift_per_min: tuple[Coordinate, Coordinate, Annotated[float, Field(ge=-360, le=360)]] = Field(
+        (0.0, 0.0, 0.0),
+        description="what the poses drift a minute, x_m, y_m, heading_deg: it is taken off, from "
+        "the first pose on",
+    )
     stamps: Literal["header", "arrival"] = Field(
         "header", description="times of measurement, or those at which the messages arrived"
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from mapping.diagnosis.causes.channels import Channels
 from mapping.diagnosis.causes.cones import Cones
+from mapping.diagnosis.causes.cross_talk import CrossTalk
+from mapping.diagnosis.causes.headings import Drift, Headings
 from mapping.diagnosis.causes.interface import Cause
 from mapping.diagnosis.causes.mount import Mount
 from mapping.diagnosis.causes.pose_time import PoseTime
@@ -12,5 +14,6 @@ from mapping.diagnosis.causes.ranges import RangeScale
 from mapping.diagnosis.causes.silence import Silence
 
 CAUSES: tuple[Cause, ...] = (
-    Channels(), Silence(), Poses(), PoseTime(), Mount(), RangeScale(), Cones(),
+    Channels(), Silence(), Poses(), PoseTime(), Headings(), Drift(), Mount(), RangeScale(), Cones(),
+    CrossTalk(),
 )  # fmt: skip
