@@ -90,6 +90,21 @@ class SensorSection(Section):
     range_bias_m: Coordinate | None = Field(
         None, description="what its ranges are too long besides: it is taken off first (0)"
     )
+    filter: Literal["off", "median", "agree", "predicted"] | None = Field(
+        None,
+        description="single wrong ranges are left out: far from the median of the last ones, not "
+        "in agreement with the ones before, or against what the map so far predicts (off)",
+    )
+    filter_of: Annotated[int, Field(ge=1, le=99)] | None = Field(
+        None,
+        description="how many readings the filter looks at, the newest among them; default: 3 "
+        "(median), 2 (agree); predicted: so many in a row that agree are taken for a change, 3",
+    )
+    filter_within_m: NonNegative | None = Field(
+        None,
+        description="what the filter lets a range differ by, or the sensor's range_error where "
+        "that is more (0.1)",
+    )
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
     update: str | None = Field(None, description="update rule: bayes, odds, count ...")

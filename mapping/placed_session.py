@@ -16,6 +16,7 @@ import numpy as np
 
 from mapping.artifacts import DroppedReadings
 from mapping.config import MappingConfig, Sensor
+from mapping.filters import Rejections
 from mapping.motion_gathering import MotionGatherer, fixed_track
 from mapping.pending import first_readings
 from mapping.placer import Placement, Placer, settled_sensors
@@ -65,6 +66,7 @@ class Counts:
     first_ns: int
     last_ns: int
     dropped_at: tuple[DroppedReadings, ...] = field(default=(), compare=False)
+    rejections: Rejections = field(default_factory=Rejections, compare=False)
 
 
 class HasBlocks(Protocol):
@@ -170,8 +172,9 @@ class PlacedSession:
             raise BadInput("; ".join([text, *self._selection.notes]))
         used = dict(placer.used)
         return Counts(
-            placer.readings, used, dropped, times.first_ns, times.last_ns, placer.dropped_at
-        )
+            placer.readings, used, dropped, times.first_ns, times.last_ns, placer.dropped_at,
+            placer.rejections,
+        )  # fmt: skip
 
 
 @dataclass(slots=True)

@@ -8,7 +8,9 @@ from dataclasses import replace
 from types import MappingProxyType
 
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
+from mapping.filters import OFF
 from mapping.fusion import check_layers
+from recorder.errors import BadInput
 from recorder.messages import Radiation, Range, Scan
 
 
@@ -31,7 +33,7 @@ def resolve_sensors(
     if not first:
         return dict(known)
     found = {
-        name: resolve_sensor(_reported(reading), config, mounted=parent_of(name) is not None)
+        name: _resolved(reading, config, mounted=parent_of(name) is not None)
         for name, reading in first.items()
     }
     of_kind = Counter(sensor.kind for sensor in found.values())
@@ -42,6 +44,19 @@ def resolve_sensors(
     }
     check_layers(resolved.values())
     return resolved
+
+
+def _resolved(reading: Range | Scan, config: MappingConfig, *, mounted: bool) -> Sensor:
+    """One sensor. A filter for all passes scans over; one for a scanner alone is a mistake."""
+    sensor = resolve_sensor(_reported(reading), config, mounted=mounted)
+    if isinstance(reading, Range) or sensor.filter == OFF:
+        return sensor
+    own = config.sensors.get(reading.sensor)
+    if getattr(own, "filter", None) is not None:
+        raise BadInput(
+            f"sensors.{reading.sensor}.filter: scans are not filtered, only sensors of one range"
+        )
+    return replace(sensor, filter=OFF)
 
 
 def _reported(reading: Range | Scan) -> ReportedSensor:
