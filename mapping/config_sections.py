@@ -43,6 +43,13 @@ class PoseSection(Section):
     max_gap_s: Positive = Field(
         0.5, description="readings in a longer gap between two poses are dropped"
     )
+    smooth: bool = Field(
+        False, description="each pose by those before and after it, with odometry where there is"
+    )
+    smooth_m: Positive | None = Field(
+        None, description="how much positions scatter (+-); default: estimated from the poses"
+    )
+    smooth_deg: Positive | None = Field(None, description="so do headings; default: estimated")
     fixed: tuple[Coordinate, Coordinate, Coordinate] | None = Field(
         None, description="x_m, y_m, heading_deg of a robot that stands still: no tracker needed"
     )

@@ -22,6 +22,7 @@ from mapping.pending import first_readings
 from mapping.placer import Placement, Placer, settled_sensors
 from mapping.readings import Readings
 from mapping.selection import Selection, timed
+from mapping.smoothing import noise_of, smoothed_track
 from mapping.tracks import MotionTrack
 from recorder.clock import NS_PER_S
 from recorder.columns import (
@@ -261,6 +262,9 @@ class _Knowledge:
         track = motion.track(by_odometry=by_odometry)
         if by_odometry and pose.odom_start == "tracker":
             track = laid_on(track, motion.track(by_odometry=False))
+        if pose.smooth:
+            wheels = motion.track(by_odometry=True) if not by_odometry and True in kinds else None
+            track = smoothed_track(track, noise_of(pose), wheels)
         return track, {"pose not finite or too far": bad} if bad else {}
 
 
