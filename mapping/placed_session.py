@@ -161,6 +161,11 @@ class PlacedSession:
             yield self._selection.readings(timed(block, self._given))
 
     @property
+    def by_odometry(self) -> bool:
+        """Whether the poses are dead reckoning, not a tracker's."""
+        return self._selection.sources.by_odometry
+
+    @property
     def topics(self) -> Mapping[str, str]:
         """The topic of each sensor, by its name."""
         return {name: key[0] for key, name in self._selection.sources.names.items()}
@@ -231,13 +236,19 @@ class _Knowledge:
         frames = self._motion.frames()
         of_each = first_readings(selection.readings(block_of(first)))
         settled = settled_sensors(of_each, frames, selection.config)
-        return Placement(track, frames, tuple(settled.values())), bad_poses, selection
+        odometry = self._odometry(motion)
+        return Placement(track, frames, tuple(settled.values()), odometry), bad_poses, selection
 
     @property
     def found(self) -> str:
         """What the session holds, in one line."""
         counts = sorted(self._counts.items())
         return ", ".join(f"{count} {name}" for name, count in counts) or "nothing"
+
+    def _odometry(self, chosen: Block) -> MotionTrack | None:
+        """Dead reckoning beside other poses."""
+        kinds = {each.by_odometry for each in chosen.of(PoseColumns) if len(each)}
+        return self._motion.track(by_odometry=True) if len(kinds) == 2 else None
 
     def _count(self, columns: Columns) -> None:
         if isinstance(columns, PoseColumns):
@@ -263,8 +274,7 @@ class _Knowledge:
         if by_odometry and pose.odom_start == "tracker":
             track = laid_on(track, motion.track(by_odometry=False))
         if pose.smooth:
-            wheels = motion.track(by_odometry=True) if not by_odometry and True in kinds else None
-            track = smoothed_track(track, noise_of(pose), wheels)
+            track = smoothed_track(track, noise_of(pose), self._odometry(chosen))
         return track, {"pose not finite or too far": bad} if bad else {}
 
 

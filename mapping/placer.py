@@ -41,11 +41,16 @@ _NOT_A_NUMBER, _TOO_CLOSE, _NEGATIVE, _BELOW, _SKIPPED, _NO_BEAM, _NO_POSE, _NO_
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """What must be known to place a reading: poses and frames over time, and the sensors."""
+    """What must be known to place a reading: poses and frames over time, and the sensors.
+
+    ``odometry`` is dead reckoning beside a tracker's poses, where there is; who only looks whether
+    smoothing would help needs it.
+    """
 
     track: MotionTrack
     frames: Frames
     sensors: tuple[Sensor, ...]
+    odometry: MotionTrack | None = None
 
 
 _FILTER_CODES = {name: REASONS.index(each.reason) for name, each in FILTERS.items()}

@@ -88,7 +88,7 @@ class Selection:
         ]  # fmt: skip
         if self.sources.pose == TF:
             poses.append(self._poses_by_tf())
-        if self.config.pose.smooth and not self.sources.by_odometry:
+        if self.sources.pose and not self.sources.by_odometry:
             poses += self._odometry_beside()
         return Block((*poses, *self._below_base()))
 
