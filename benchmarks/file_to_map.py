@@ -2,9 +2,9 @@
 
 ``python -m benchmarks.file_to_map`` writes a session of 10,000 readings (sonar and infrared, a
 moving robot) and maps it with cells of 1 cm as ``map -o -`` does, in alternating rounds with the
-kernels alone on readings that are placed already: CPU seconds of one thread, or seconds on
-the clock of several. ``--memory N`` maps sessions of growing length up
-to N readings, each in a process of its own: time and peak memory.
+kernels alone on readings that are placed already: CPU seconds of one thread, or seconds on the
+clock of several. ``--memory N`` maps sessions of growing length up to N readings, each in a process
+of its own: time and peak memory.
 """
 
 from __future__ import annotations
