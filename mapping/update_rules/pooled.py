@@ -93,20 +93,31 @@ class Pooled(UpdateRule):
             np.minimum(cells[name], metres, out=cells[name], where=those)
 
     def values(self, cells: Cells) -> Floats:
-        learned = self.learned
-        total = np.full(cells["hits"].shape, learned.bias)
-        for term in self._weighted(cells).values():
-            total += term
-        # Less than one reading at the farthest is left where a map forgets.
-        total *= np.minimum((cells["hits"] + cells["misses"]) / LEAST, 1.0)
-        total = np.where(cells["hits"] == 0.0, np.minimum(total, 0.0), total)
-        held = np.clip(total, 0.0, learned.most_unpassed)
-        total = np.where(cells["misses"] == 0.0, held, total)
+        total = self._held(cells, self._unheld(cells))
         return expit(MOST * np.tanh(total / MOST))
 
+    def _unheld(self, cells: Cells) -> Floats:
+        total = np.full(cells["hits"].shape, self.learned.bias)
+        for term in self._weighted(cells).values():
+            total += term
+        return total
+
+    def _held(self, cells: Cells, unheld: Floats) -> Floats:
+        # Less than one reading at the farthest is left where a map forgets.
+        total = unheld * np.minimum((cells["hits"] + cells["misses"]) / LEAST, 1.0)
+        total = np.where(cells["hits"] == 0.0, np.minimum(total, 0.0), total)
+        held = np.clip(total, 0.0, self.learned.most_unpassed)
+        return np.where(cells["misses"] == 0.0, held, total)
+
     def terms(self, cells: Cells) -> dict[str, Floats]:
-        return {name.removesuffix("_m").replace("_", " "): term
-                for name, term in self._weighted(cells).items()}  # fmt: skip
+        """As :class:`UpdateRule` has it; ``limits`` is what a cell is held back by: one without
+        hits, and one that no beam passed through yet."""
+        unheld = self._unheld(cells)
+        named = {
+            name.removesuffix("_m").replace("_", " "): term
+            for name, term in self._weighted(cells).items()
+        }
+        return {**named, "limits": self._held(cells, unheld) - unheld}
 
     def _weighted(self, cells: Cells) -> dict[str, Floats]:
         of = self.learned.of
