@@ -224,6 +224,21 @@ class Started:
 
 
 @dataclass(frozen=True, slots=True)
+class RejectedReading:
+    """A reading that a filter left out: it is on no map.
+
+    ``beam.number`` is that of the next reading that is mapped. ``filter`` looked at ``of`` readings
+    and expected ``expected_m`` (+Inf: to see nothing).
+    """
+
+    beam: Beam
+    reason: str
+    expected_m: float
+    filter: str
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
 class DroppedReadings:
     """When a sensor's readings were dropped for one reason, (N,) nanoseconds, in order."""
 
@@ -248,6 +263,7 @@ Artifact = (
     | Beam
     | TempGrid
     | MergedGrid
+    | RejectedReading
     | Snapshot
     | Thresholded
     | Classes

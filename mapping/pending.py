@@ -53,6 +53,7 @@ class SensorTable:
         self.clear_to_m = np.array([s.clear_to_m or np.inf for s in self.sensors])
         self.scale = np.array([sensor.range_scale for sensor in self.sensors])
         self.bias_m = np.array([sensor.range_bias_m for sensor in self.sensors])
+        self.filters = any(sensor.filter != "off" for sensor in self.sensors)
         self.skips = np.array([sensor.no_echo == "skipped" for sensor in self.sensors], np.bool_)
 
     def mended(self, ranges_m: Floats, sensor: Ints) -> Floats:
