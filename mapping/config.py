@@ -152,7 +152,7 @@ def _suits(
 
     It was chosen with the kind's model and all cells of its beams. Keys by which the rule does not
     go would be set in vain; who sets them wants them to count. Scans, whatever their name, have no
-    fast way, and light in a wide cone is not what the weights were learned of.
+    fast way.
     """
     rule, model = UPDATE_RULES[kind.update], SENSOR_MODELS[kind.model]
     return (
@@ -160,7 +160,6 @@ def _suits(
         and known["rasteriser"] == _COMMON["rasteriser"]
         and reported.radiation is not Radiation.LASER
         and not rule.ignores & asked & model.Parameters.model_fields.keys()
-        and rule.suits(kind, known["beam_width_deg"])
     )
 
 

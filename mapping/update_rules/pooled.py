@@ -20,7 +20,6 @@ from mapping.update_rules.base import Cells, Floats, UpdateRule
 from mapping.update_rules.pooled_weights import MEDIUM, Weights, given_weights, weights_of
 from mapping.update_rules.saturating import in_steps
 from recorder.errors import BadInput
-from recorder.messages import Radiation
 from recorder.sensors import SensorKind
 
 NEAR_M, MIDDLE_M = 0.2, 0.4  # misses nearer than the first, and from there to the second
@@ -31,7 +30,6 @@ LIMITS = NEAR_M, MIDDLE_M, BEFORE_ARC_M, THIN, THIN_M, FARTHEST_MISS_M
 """What the kernel is given of these, in its order."""
 LEAST = 0.01  # hits and misses together: what one reading at 7 m counts
 MOST = 13.8  # log-odds that no sums pass
-WIDEST_LIGHT_DEG = 15.0  # the weights of light are those of a thin beam: in a cone they free walls
 _HALF_DIAGONAL = 0.7072
 _ROUNDING_M = 1e-9
 
@@ -75,9 +73,6 @@ class Pooled(UpdateRule):
 
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return {"weights": MEDIUM[kind.radiation]}
-
-    def suits(self, kind: SensorKind, beam_width_deg: float) -> bool:
-        return kind.radiation is Radiation.ULTRASOUND or beam_width_deg <= WIDEST_LIGHT_DEG
 
     @property
     def learned(self) -> Weights:
