@@ -27,6 +27,7 @@ _LONG_M, _LONG_SPREADS = 0.1, 3.0
 _BAND_SPREADS = 2.5  # standard deviations of a hit that the band of a thin beam takes in
 _LEAST_BAND = 0.01
 _COARSE_STEPS = 12
+_LEAST_SCALE = 0.5  # and at most twice: no ranger is so far off, but readings of another room are
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,13 +149,19 @@ def learn_sensor(known: KnownRanges, against: str, *, own_map: bool = False) -> 
     """Fit the mixture, at the beam width that explains the readings best where it can be known.
 
     ``own_map``: the distances come from the sensor's own map, which cannot tell bias and scale.
-    Raises BadInput where there are too few readings.
+    Raises BadInput where there are too few readings, or they do not follow the distances.
     """
     width_rad, interval_rad = None, None
     if len(known.bearings_rad) > 1:
         width_rad, interval_rad = _beam_width(known)
     pairs, incidence_rad = known.within(width_rad or 0.0)
     fit = fit_mixture(pairs, unbiased=own_map)
+    if not _LEAST_SCALE <= fit.mixture.scale <= 1.0 / _LEAST_SCALE:
+        raise BadInput(
+            f"{known.sensor.name}: its ranges do not follow {against} (right ones would be "
+            f"{fit.mixture.scale:.2g} times the distance): is it the right room, are poses and "
+            "mount right?"
+        )
     good = np.isfinite(pairs.true_m) & (pairs.true_m > 0.0) & ~np.isnan(pairs.range_m)
     pairs, incidence_rad = pairs.select(good), incidence_rad[good]
     densities = fit.mixture.densities(pairs)
