@@ -75,11 +75,11 @@ def layer_of(
 def learned(
     first: Path, sensor: str, walls: str | None, settings: Sequence[str], file: Path
 ) -> Path:
-    """What ``learn`` writes of the first half; with walls also its weights."""
+    """What ``learn --weights`` writes of the first half."""
     config, given = load_config([], [*SETTINGS, *settings]), [walls] if walls else []
     try:
         of = learn([first], config, walls=given, only=[sensor])
-        strong = strengths([first], config, of, walls=given, only=[sensor]) if walls else []
+        strong = strengths([first], config, of, walls=given, known=walls is not None, only=[sensor])
         file.write_text(sensor_file(of, [first.name], strong), "utf-8")
     except BadInput as error:
         file.write_text(f"# {error}\n", "utf-8")

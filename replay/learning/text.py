@@ -135,12 +135,18 @@ def worth(strengths: LearnedStrengths) -> list[str]:
     shown = {key: value for key, value in strengths.settings.items() if key != "weights"}
     what = ", ".join(f"{key} {value:g}" for key, value in shown.items()) or "weights of its sums"
     kept = "another time in the same room" if strengths.same_room else "rooms"
-    lines = [
-        f"Evidence of {names} by the rule {strengths.rule}: {what}.",
-        f"Log-loss of maps of {kept}, kept out in turn ({len(strengths.kept_out)}): with what was "
-        f"learned of the others {strengths.learned:.3f}, as it was {strengths.before:.3f} "
-        "(undecided: 0.693).",
-    ]
+    turns = f"kept out in turn ({len(strengths.kept_out)})"
+    lines = [f"Evidence of {names} by the rule {strengths.rule}: {what}."]
+    if strengths.by_walls:
+        lines.append(
+            f"Log-loss of maps of {kept}, {turns}: with what was learned of the others "
+            f"{strengths.learned:.3f}, as it was {strengths.before:.3f} (undecided: 0.693)."
+        )
+    else:
+        lines.append(
+            f"Log-likelihood of readings of other times, {turns}: with what was learned "
+            f"{-strengths.learned:.3f}, as it was {-strengths.before:.3f} (higher is better)."
+        )
     if not strengths.is_better:
         lines.append("That is not better: the file leaves them as they are.")
     elif strengths.same_room:
