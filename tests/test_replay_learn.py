@@ -106,6 +106,9 @@ def test_of_one_session_its_halves_are_kept_out_and_of_other_rules_their_strengt
     ("arguments", "reason"),
     [
         (["--walls", "nowhere.geojson"], "nowhere.geojson"),
+        (["--walls", "nowhere"], "no room 'nowhere' and no such file"),
+        (["--walls", "square", "--walls", "flat"], "2 times --walls for 1 sessions"),
+        (["--walls", "corridor", "--sensor", "ping"], "its ranges do not follow true walls"),
         (["--sensor", "lidar"], "no readings of lidar"),
         (["--distance", "0.3,0.6"], "2 distances for 1 sessions"),
         (["--distance", "near"], "write metres"),

@@ -61,7 +61,9 @@ def _usable(learned: LearnedSensor) -> str:
     low_m, high_m = learned.usable_m
     if math.isnan(low_m):
         return "At no distance are 40 % of its readings right: do not use it as it is."
-    nearest = low_m <= learned.by_range[0].to_m
+    least_m = learned.sensor.min_range_m  # nearer it reports nothing that is taken
+    nearest = least_m < low_m <= learned.by_range[0].to_m
+    low_m = max(low_m, least_m)
     farthest = high_m >= learned.by_range[-1].from_m
     judged_m = REACHED * learned.sensor.max_range_m
     farther = "farther" if high_m < 0.97 * judged_m else f"beyond {_length(judged_m)}"
