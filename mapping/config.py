@@ -28,7 +28,7 @@ from mapping.config_sections import (
 from mapping.names import choose
 from mapping.parameters import Configurable, ParameterSection, Section, Sensor, Table
 from mapping.sensor_model.models import SENSOR_MODELS
-from mapping.update_rules.rules import UPDATE_RULES
+from mapping.update_rules.rules import UPDATE_RULES, Bayes
 from recorder.errors import BadInput
 from recorder.foreign import read_text, reading, reason_of
 from recorder.geometry import SE2
@@ -68,9 +68,7 @@ class ReportedSensor:
     max_range_m: float = math.nan
 
 
-_COMMON: dict[str, Any] = {
-    "update": "bayes", "rasteriser": "cells", "second_grid": True,
-}  # fmt: skip
+_COMMON: dict[str, Any] = {"rasteriser": "cells", "second_grid": True}
 
 
 def sensor_defaults(kind: SensorKind) -> dict[str, Any]:
@@ -79,7 +77,8 @@ def sensor_defaults(kind: SensorKind) -> dict[str, Any]:
     BadInput where the catalogue gives its model a parameter that there is not, or a bad value.
     """
     keys = {
-        **_COMMON, "model": kind.model, **kind.model_parameters, "no_echo": kind.no_echo,
+        **_COMMON, "model": kind.model, **kind.model_parameters, "update": kind.update,
+        "no_echo": kind.no_echo,
         "mount": (kind.mount.x_m, kind.mount.y_m, math.degrees(kind.mount.heading_rad)),
         "beam_width_deg": kind.beam_width_deg, "range_error": kind.range_error,
         "min_range_m": kind.min_range_m, "max_range_m": kind.max_range_m,
@@ -99,7 +98,6 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     kind = str(asked.pop("kind", None) or kind_of(reported.name, reported.radiation).name)
     entry = CATALOGUE.get(kind) or kind_of_radiation(reported.radiation)
     base = sensor_defaults(entry)
-    rule = choose(UPDATE_RULES, asked.get("update", base["update"]), "update rule")
     own = {
         "beam_width_deg": math.degrees(reported.beam_width_rad),
         "min_range_m": reported.min_range_m,
@@ -108,7 +106,11 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     reported_values = {k: v for k, v in own.items() if _LEAST <= v <= _MOST}
     if reported_values.get("beam_width_deg", 0.0) > 360.0:
         del reported_values["beam_width_deg"]
-    values = {**parameter_defaults(), **base, **rule.usual(entry), **reported_values, **asked}
+    values = {**base, **reported_values, **asked}
+    if "update" not in asked and not _suits(entry, reported, values, asked):
+        values["update"] = Bayes.name
+    rule = choose(UPDATE_RULES, values["update"], "update rule")
+    values = {**parameter_defaults(), **values, **rule.usual(entry), **asked}
     mount = asked.get("mount", None if mounted else base["mount"])
     values.pop("mount")
     width_deg = values.pop("beam_width_deg")
@@ -140,6 +142,25 @@ def _changed(sensor: Sensor, keys: Mapping[str, Any]) -> Sensor:
 
 def _settled(value: Any) -> Any:
     return Table(value) if isinstance(value, dict) else value
+
+
+def _suits(
+    kind: SensorKind, reported: ReportedSensor, known: Mapping[str, Any], asked: Mapping[str, Any]
+) -> bool:
+    """Whether the kind's own rule can be that of a sensor as it is configured, without naming one.
+
+    It was chosen with the kind's model and all cells of its beams. Keys by which the rule does not
+    go would be set in vain; who sets them wants them to count. Scans, whatever their name, have no
+    fast way, and light in a wide cone is not what the weights were learned of.
+    """
+    rule, model = UPDATE_RULES[kind.update], SENSOR_MODELS[kind.model]
+    return (
+        known["model"] == kind.model
+        and known["rasteriser"] == _COMMON["rasteriser"]
+        and reported.radiation is not Radiation.LASER
+        and not rule.ignores & asked.keys() & model.Parameters.model_fields.keys()
+        and rule.suits(kind, known["beam_width_deg"])
+    )
 
 
 def _check_names(sensor: str, layer: str | None) -> None:
@@ -223,7 +244,8 @@ def _used_keys(asked: Mapping[str, Any]) -> set[str]:
             if key == "model" and known is Configurable.Parameters:
                 return set(parameter_keys())
             used |= set(known.model_fields)
-    return used
+    rule = UPDATE_RULES.get(asked.get("update", ""))
+    return used - rule.ignores if rule is not None else used
 
 
 def _set_keys(section: Section | None) -> dict[str, Any]:

@@ -39,6 +39,14 @@ class PoseSection(Section):
         "", description="topic of the poses, or /tf; empty: /pose, or the only one there is"
     )
     offset_s: Coordinate = Field(0.0, description="added to the times of the poses")
+    heading_offset_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        0.0, description="added to the headings of the poses"
+    )
+    drift_per_min: tuple[Coordinate, Coordinate, Annotated[float, Field(ge=-360, le=360)]] = Field(
+        (0.0, 0.0, 0.0),
+        description="what the poses drift a minute, x_m, y_m, heading_deg: it is taken off, from "
+        "the first pose on",
+    )
     stamps: Literal["header", "arrival"] = Field(
         "header", description="times of measurement, or those at which the messages arrived"
     )
@@ -51,6 +59,13 @@ class PoseSection(Section):
     max_gap_s: Positive = Field(
         0.5, description="readings in a longer gap between two poses are dropped"
     )
+    smooth: bool = Field(
+        False, description="each pose by those before and after it, with odometry where there is"
+    )
+    smooth_m: Positive | None = Field(
+        None, description="how much positions scatter (+-); default: estimated from the poses"
+    )
+    smooth_deg: Positive | None = Field(None, description="so do headings; default: estimated")
     fixed: tuple[Coordinate, Coordinate, Coordinate] | None = Field(
         None, description="x_m, y_m, heading_deg of a robot that stands still: no tracker needed"
     )
@@ -107,6 +122,21 @@ class SensorSection(Section):
     )
     range_bias_m: Coordinate | None = Field(
         None, description="what its ranges are too long besides: it is taken off first (0)"
+    )
+    filter: Literal["off", "median", "agree", "predicted"] | None = Field(
+        None,
+        description="single wrong ranges are left out: far from the median of the last ones, not "
+        "in agreement with the ones before, or against what the map so far predicts (off)",
+    )
+    filter_of: Annotated[int, Field(ge=1, le=99)] | None = Field(
+        None,
+        description="how many readings the filter looks at, the newest among them; default: 3 "
+        "(median), 2 (agree); predicted: so many in a row that agree are taken for a change, 3",
+    )
+    filter_within_m: NonNegative | None = Field(
+        None,
+        description="what the filter lets a range differ by, or the sensor's range_error where "
+        "that is more (0.1)",
     )
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")

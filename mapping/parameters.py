@@ -109,6 +109,9 @@ class Sensor:
     forget_s: float | None = None  # None: never
     range_scale: float = 1.0
     range_bias_m: float = 0.0
+    filter: str = "off"
+    filter_of: int | None = None  # None: as many as the filter usually looks at
+    filter_within_m: float = 0.1
     own: Mapping[str, Any] = field(default_factory=dict, hash=False)
     nearer: tuple[Sensor, ...] = ()
     up_to_m: float = math.inf

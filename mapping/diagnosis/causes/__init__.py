@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from mapping.diagnosis.causes.channels import Channels
 from mapping.diagnosis.causes.cones import Cones
+from mapping.diagnosis.causes.cross_talk import CrossTalk
+from mapping.diagnosis.causes.headings import Drift, Headings
 from mapping.diagnosis.causes.interface import Cause
 from mapping.diagnosis.causes.mount import Mount
 from mapping.diagnosis.causes.pose_time import PoseTime
 from mapping.diagnosis.causes.poses import Poses
 from mapping.diagnosis.causes.ranges import RangeScale
 from mapping.diagnosis.causes.silence import Silence
+from mapping.diagnosis.causes.smoothing import Smoothing
+from mapping.diagnosis.causes.wrong_echoes import WrongEchoes
 
 CAUSES: tuple[Cause, ...] = (
-    Channels(), Silence(), Poses(), PoseTime(), Mount(), RangeScale(), Cones(),
+    Channels(), Silence(), Poses(), PoseTime(), Headings(), Drift(), Mount(), RangeScale(), Cones(),
+    CrossTalk(), Smoothing(), WrongEchoes(),
 )  # fmt: skip
