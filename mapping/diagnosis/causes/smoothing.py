@@ -14,7 +14,7 @@ from mapping.smoothing import Noise, smoothed_track
 from mapping.tracks import MotionTrack, wrapped
 
 LEAST_GAIN = 0.02  # in log-likelihood a reading: poses always scatter a little
-_LEVEL = 0.99
+_LEVEL = 0.99  # at which the gain must hold: several things are tried
 _SHOWN = 400  # poses of the plot
 
 
@@ -35,8 +35,8 @@ class Smoothing(Cause):
             for readings in (case.session.under(hypothesis),
                              case.session.under(hypothesis, track))
         )  # fmt: skip
-        gain = after.gain_over(before, level=_LEVEL)
-        if not (gain.low > 0.0 and gain.mean >= LEAST_GAIN):
+        gain = after.gain_over(before)
+        if gain.mean < LEAST_GAIN or after.gain_over(before, level=_LEVEL).low <= 0.0:
             return
         away_m, turned_rad = _moved(placement.track, track)
         beside = " and by dead reckoning" if placement.odometry is not None else ""

@@ -18,7 +18,7 @@ from mapping.scoring.held_out import Gain
 from recorder.columns import Ints
 
 LEAST_GAIN = 0.02  # in log-likelihood a reading: every sensor errs now and then
-_LEVEL = 0.99
+_LEVEL = 0.99  # at which the gain must hold: several things are tried
 _MOST_REJECTED = 0.5  # of a sensor's readings: a filter that leaves out more is no filter
 _MOST_PREDICTED = 10_000  # readings of a sensor: more take seconds by this filter
 _TRIED: tuple[tuple[str, int], ...] = (("median", 3), ("median", 5), ("agree", 2), ("predicted", 3))
@@ -67,8 +67,9 @@ def _tries(case: Case, hypothesis: Hypothesis, sensor: Sensor) -> Iterator[_Trie
         rejected = mine & np.isin(readings.t_ns, times)
         if not 0 < rejected.sum() <= _MOST_REJECTED * mine.sum():
             continue
-        gain = case.judged(readings, [sensor.name], ~rejected).gain_over(before, level=_LEVEL)
-        if gain.low > 0.0 and gain.mean >= LEAST_GAIN:
+        after = case.judged(readings, [sensor.name], ~rejected)
+        gain = after.gain_over(before)
+        if gain.mean >= LEAST_GAIN and after.gain_over(before, level=_LEVEL).low > 0.0:
             yield _Tried(name, of, rejected, gain)
 
 
