@@ -13,7 +13,8 @@ from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.smoothing import Noise, smoothed_track
 from mapping.tracks import MotionTrack, wrapped
 
-LEAST_GAIN = 0.02  # in log-likelihood a reading: poses always scatter a little
+LEAST_GAIN = 0.02  # in log-likelihood a reading
+LEAST_M, LEAST_RAD = 0.01, math.radians(1.0)  # all poses scatter a little, and smoothing helps
 _LEVEL = 0.99  # at which the gain must hold: several things are tried
 _SHOWN = 400  # poses of the plot
 
@@ -30,6 +31,9 @@ class Smoothing(Cause):
         if pose.smooth or pose.fixed is not None or case.placed.by_odometry:
             return
         track = smoothed_track(placement.track, Noise(), placement.odometry)
+        away_m, turned_rad = _moved(placement.track, track)
+        if away_m < LEAST_M and turned_rad < LEAST_RAD:
+            return
         before, after = (
             case.judged(readings, case.judged_by)
             for readings in (case.session.under(hypothesis),
@@ -38,7 +42,6 @@ class Smoothing(Cause):
         gain = after.gain_over(before)
         if gain.mean < LEAST_GAIN or after.gain_over(before, level=_LEVEL).low <= 0.0:
             return
-        away_m, turned_rad = _moved(placement.track, track)
         beside = " and by dead reckoning" if placement.odometry is not None else ""
         yield Suspect(
             self.name, "",
