@@ -12,8 +12,8 @@ import math
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 from mapping.config import load_config
 from mapping.diagnosis.causes.interface import Suspect
@@ -43,6 +43,7 @@ class Planted:
     also: str = ""
     swap_s: float | None = None
     sensors: tuple[str, ...] = ("ping", "dirrs")
+    mounts: Mapping[str, SE2] = field(default_factory=dict)
 
 
 class Kept:
@@ -114,7 +115,8 @@ PLANTED = (
     Planted("infrared stuck for 20 s", lambda seed: _sensor("dirrs", stuck_s=(60.0, 80.0)),
             "silence"),
     Planted("15 % cross-talk of two sonars", lambda seed: replace(SOUND, cross_talk=0.15),
-            "cross-talk", sensors=("ping_left", "ping", "dirrs")),
+            "cross-talk", sensors=("ping_left", "ping", "dirrs"),
+            mounts={"ping_left": SE2(0.0, 0.044, math.pi / 2)}),
     Planted("late and turned", lambda seed: replace(
         _sensor("dirrs", mount=SE2(0.0, 0.0, _yaw(seed))), pose_delay_s=_delay(seed + 1)),
         "pose-time", lambda s, seed: _off(-_delay(seed + 1), TEN_MS)(s), also="mount"),
@@ -122,6 +124,21 @@ PLANTED = (
         "ping": SensorFaults(reports_as="dirrs"),
         "dirrs": SensorFaults(reports_as="ping", mount=SE2(0.0, 0.0, _yaw(seed)))}),
         "channels", also="mount"),
+    Planted("headings 5 degrees off",
+            lambda seed: replace(SOUND, heading_bias_deg=5.0 * _sign(seed)), "heading",
+            lambda s, seed: _off(math.radians(-5.0) * _sign(seed), ONE_DEG)(s)),
+    Planted("headings 5 degrees off, two infrared",
+            lambda seed: replace(SOUND, heading_bias_deg=5.0 * _sign(seed)), "heading",
+            lambda s, seed: _off(math.radians(-5.0) * _sign(seed), ONE_DEG)(s),
+            sensors=("ping", "dirrs", "dirrs_left"),
+            mounts={"dirrs_left": SE2(0.0, 0.03, math.pi / 2)}),
+    Planted("headings drift by 2 degrees a minute",
+            lambda seed: replace(SOUND, pose_drift_degpmin=2.0 * _sign(seed)), "drift",
+            lambda s, seed: s.unit == "rad/s"
+            and _off(math.radians(2.0 / 60.0) * _sign(seed), math.radians(0.3 / 60.0))(s)),
+    Planted("places drift by 5 cm a minute",
+            lambda seed: replace(SOUND, pose_drift_mpmin=0.05), "drift",
+            lambda s, seed: s.unit == "m/s"),
 )  # fmt: skip
 
 
@@ -131,7 +148,7 @@ def session_of(planted: Planted, seed: int, duration_s: float) -> HasBlocks:
     room = ROOMS[names[seed % len(names)]]
     messages = simulate(
         room, duration_s=duration_s, seed=1000 + seed, sensors=planted.sensors,
-        faults=planted.faults(seed),
+        faults=planted.faults(seed), mounts=planted.mounts,
     )  # fmt: skip
     records, start_ns = [], None
     for log_ns, message in messages:

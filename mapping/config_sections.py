@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, SerializeAsAny, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializeAsAny,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 
 from mapping.parameters import (
@@ -31,6 +39,14 @@ class PoseSection(Section):
         "", description="topic of the poses, or /tf; empty: /pose, or the only one there is"
     )
     offset_s: Coordinate = Field(0.0, description="added to the times of the poses")
+    heading_offset_deg: Annotated[float, Field(ge=-360, le=360)] = Field(
+        0.0, description="added to the headings of the poses"
+    )
+    drift_per_min: tuple[Coordinate, Coordinate, Annotated[float, Field(ge=-360, le=360)]] = Field(
+        (0.0, 0.0, 0.0),
+        description="what the poses drift a minute, x_m, y_m, heading_deg: it is taken off, from "
+        "the first pose on",
+    )
     stamps: Literal["header", "arrival"] = Field(
         "header", description="times of measurement, or those at which the messages arrived"
     )
@@ -68,6 +84,16 @@ class GridSection(Section):
     max_cells: int = Field(100_000_000, gt=0, le=1 << 40, description="a larger grid is refused")
     max_memory_mb: Annotated[float, Field(ge=1, le=MOST)] = Field(
         1000.0, description="so are maps that would take more memory, all layers together"
+    )
+
+
+class RangeSection(Section):
+    """What is otherwise in the shorter ranges of a sensor; :func:`sensor_section` adds the keys of
+    the models."""
+
+    up_to_m: Positive = Field(description="the longest range that this model is for")
+    range_error: Annotated[float, Field(ge=0, lt=1)] | None = Field(
+        None, description="relative error of such a range, +-"
     )
 
 
@@ -114,6 +140,10 @@ class SensorSection(Section):
     )
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
+    ranges: tuple[RangeSection, ...] | None = Field(
+        None,
+        description="models of shorter ranges: up_to_m, and what is other there (docs/learn.md)",
+    )
     update: str | None = Field(None, description="update rule: bayes, odds, count ...")
     rasteriser: Literal["cells", "arcs", "rays"] | None = Field(
         None, description="every cell at its centre, the chapter's arcs, or a thin line each axis"
@@ -160,12 +190,24 @@ def sensor_section() -> type[Section]:
 def _with_keys_of(
     models: tuple[Configurable, ...], rules: tuple[Configurable, ...]
 ) -> type[Section]:
+    of_range = create_model(
+        "RangeSection", __base__=RangeSection, __module__=__name__, **dict(_own_keys(models))
+    )
     fields: dict[str, Any] = {}
     owners = {"model": models, "update": rules}
     for key, known in SensorSection.model_fields.items():
         fields[key] = (known.annotation, known)
         fields |= dict(_own_keys(owners.get(key, ())))
+    several = Annotated[tuple[of_range, ...], AfterValidator(_ascending)]
+    fields["ranges"] = (several | None, SensorSection.model_fields["ranges"])
     return create_model("SensorSection", __base__=_AllKeys, __module__=__name__, **fields)
+
+
+def _ascending(ranges: tuple[RangeSection, ...]) -> tuple[RangeSection, ...]:
+    ends = [each.up_to_m for each in ranges]
+    if any(later <= end for end, later in pairwise(ends)):
+        raise ValueError("up_to_m must grow from one to the next")
+    return ranges
 
 
 def _own_keys(members: tuple[Configurable, ...]) -> Iterator[tuple[str, Any]]:

@@ -13,7 +13,7 @@ from mapping.tracks import Frames, Motions, MotionTrack, is_sane
 from recorder.clock import NS_PER_S
 from recorder.columns import Block, Ints, MotionColumns, PoseColumns, TransformColumns
 from recorder.errors import BadInput
-from recorder.geometry import SE2
+from recorder.geometry import IDENTITY, SE2
 from recorder.messages import Transform
 
 WARM_UP_S = 2.0  # until then it is not known which sensors and which poses a live session has
@@ -35,8 +35,10 @@ def in_order(columns: Sequence[MotionColumns]) -> tuple[Ints, Motions, Ints]:
 class MotionGatherer:
     """Collects poses and transforms: the tracks of a session as far as it has come."""
 
-    def __init__(self, max_gap_ns: int) -> None:
+    def __init__(self, max_gap_ns: int, heading_offset_rad: float = 0.0) -> None:
+        """``heading_offset_rad`` is added to the headings of poses."""
         self.max_gap_ns = max_gap_ns
+        self._turn = SE2(0.0, 0.0, heading_offset_rad)
         self.static: dict[str, Transform] = {}
         self.parents: dict[str, str] = {}
         self.moving: dict[str, list[tuple[Ints, Motions]]] = {}
@@ -51,7 +53,10 @@ class MotionGatherer:
                 t_ns, motions, _ = in_order(columns)
                 sane = motions.sane()
                 self.bad_poses[by_odometry] += int((~sane).sum())
-                self.poses[by_odometry].append((t_ns[sane], motions[sane]))
+                motions = motions[sane]
+                if self._turn != IDENTITY:
+                    motions = motions @ self._turn
+                self.poses[by_odometry].append((t_ns[sane], motions))
         transforms = block.of(TransformColumns)
         for child in dict.fromkeys(each.child for each in transforms):
             of_child = [each for each in transforms if each.child == child]
@@ -93,6 +98,8 @@ class LiveMotion:
     def __init__(self, config: MappingConfig) -> None:
         if config.pose.odom_start == "tracker":
             raise BadInput('pose.odom_start = "tracker" needs a finished session, not a live one')
+        if any(config.pose.drift_per_min):
+            raise BadInput("pose.drift_per_min needs a finished session, not a live one")
         if config.pose.smooth:
             raise BadInput("pose.smooth needs a finished session, not a live one: it looks ahead")
         self._config = config
@@ -115,7 +122,7 @@ class LiveMotion:
             self._first_ns = int(first.t_ns[0])
         newest_ns = max(int(each.t_ns.max()) for each in block.columns)
         self.newest_ns = max(self.newest_ns, newest_ns)
-        news = MotionGatherer(self._gap_ns)
+        news = MotionGatherer(self._gap_ns, math.radians(self._config.pose.heading_offset_deg))
         news.take(block)
         self.bad_poses += sum(news.bad_poses.values())
         for by_odometry, parts in news.poses.items():

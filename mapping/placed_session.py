@@ -7,6 +7,7 @@ placed once; what is large is read again, so that the memory for its readings st
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -200,7 +201,9 @@ class _Knowledge:
 
     def __init__(self, config: MappingConfig, kept_bytes: int) -> None:
         self._config, self._room_bytes = config, kept_bytes
-        self._motion = MotionGatherer(round(config.pose.max_gap_s * NS_PER_S))
+        self._motion = MotionGatherer(
+            round(config.pose.max_gap_s * NS_PER_S), math.radians(config.pose.heading_offset_deg)
+        )
         self._survey = Survey()
         self._counts: Counter[str] = Counter()
         self._times = _Span()

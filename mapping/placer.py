@@ -130,7 +130,7 @@ class Placer:
         assert self._live is not None
         frames, track = self._live.frames, self._live.track
         if self._first:
-            self._table.join(settled_sensors(self._first, frames, self._config))
+            self._table.join(settled_sensors(self._first, frames, self._config), self._config)
             self._first = {}
         ripe = len(self._waiting) if ended else self._live.ripe(self._waiting.t_ns, track)
         released, self._waiting = self._waiting[:ripe], self._waiting[ripe:]

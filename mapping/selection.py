@@ -16,6 +16,7 @@ import numpy as np
 
 from mapping.config import MappingConfig, Sensor
 from mapping.motion_gathering import MotionGatherer
+from mapping.tracks import wrapped
 from recorder.clock import NS_PER_S
 from recorder.columns import (
     Block,
@@ -60,6 +61,25 @@ def timed(block: Block, config: MappingConfig) -> Block:
     return Block(tuple(replace(each, t_ns=each.log_ns) for each in block.columns))
 
 
+def without_drift(
+    poses: Sequence[PoseColumns], drift_per_min: tuple[float, float, float]
+) -> Sequence[PoseColumns]:
+    """Poses from which is taken what they drift a minute (x, y in metres, degrees) since the
+    first one."""
+    times = [int(each.t_ns.min()) for each in poses if len(each)]
+    if not any(drift_per_min) or not times:
+        return poses
+    x_m, y_m, heading_deg = drift_per_min
+    out = []
+    for each in poses:
+        minutes = (each.t_ns - min(times)) / (60.0 * NS_PER_S)
+        out.append(replace(
+            each, x_m=each.x_m - x_m * minutes, y_m=each.y_m - y_m * minutes,
+            heading_rad=wrapped(each.heading_rad - math.radians(heading_deg) * minutes),
+        ))  # fmt: skip
+    return out
+
+
 class Selection:
     """The choice for one session. Raises BadInput where it is not clear or not there."""
 
@@ -82,15 +102,16 @@ class Selection:
     def motion(self) -> Block:
         """The poses in force, and the mounts and turning frames below the robot's."""
         kept = {self.sources.pose, self.sources.tracker} - {"", TF}
-        poses: list[Columns] = [
+        poses = [
             replace(each, t_ns=each.t_ns + self._offset_ns)
             for topic in kept for each in self._survey.poses[topic].columns
         ]  # fmt: skip
         if self.sources.pose == TF:
             poses.append(self._poses_by_tf())
+        corrected: list[Columns] = [*without_drift(poses, self.config.pose.drift_per_min)]
         if self.sources.pose and not self.sources.by_odometry:
-            poses += self._odometry_beside()
-        return Block((*poses, *self._below_base()))
+            corrected += self._odometry_beside()
+        return Block((*corrected, *self._below_base()))
 
     def _odometry_beside(self) -> Sequence[Columns]:
         """Dead reckoning that can smooth the poses, by its own clock; of several robots none."""

@@ -10,6 +10,7 @@ from types import MappingProxyType
 from mapping.config import MappingConfig, ReportedSensor, Sensor, resolve_sensor
 from mapping.filters import OFF
 from mapping.fusion import check_layers
+from mapping.update_rules.rules import Bayes
 from recorder.errors import BadInput
 from recorder.messages import Radiation, Range, Scan
 
@@ -42,8 +43,32 @@ def resolve_sensors(
         name: replace(s, layer=s.layer or (name if of_kind[s.kind] == 1 else s.kind))
         for name, s in found.items()
     }
+    for name, reading in first.items():
+        if isinstance(reading, Scan) and resolved[name].nearer:
+            raise BadInput(f"sensors.{name}.ranges: the beams of a scan share one model")
     check_layers(resolved.values())
-    return resolved
+    return with_one_rule_a_layer(resolved, config)
+
+
+def with_one_rule_a_layer(
+    sensors: Mapping[str, Sensor], config: MappingConfig
+) -> dict[str, Sensor]:
+    """A layer has one rule, that of its last sensor. Where its sensors differ in it, or in what it
+    was learned of, those for which none was named take ``bayes``, which suits any mixture."""
+    found: dict[str, set[tuple[str, str]]] = {}
+    for each in sensors.values():
+        found.setdefault(each.layer, set()).add((each.update, repr(each.own.get("weights"))))
+    return {
+        name: each
+        if len(found[each.layer]) == 1 or _rule_is_named(name, config)
+        else replace(each, update=Bayes.name, own={**each.own, "weights": ""})
+        for name, each in sensors.items()
+    }
+
+
+def _rule_is_named(sensor: str, config: MappingConfig) -> bool:
+    sections = (config.sensors.get("*"), config.sensors.get(sensor))
+    return any(each is not None and getattr(each, "update", None) for each in sections)
 
 
 def _resolved(reading: Range | Scan, config: MappingConfig, *, mounted: bool) -> Sensor:

@@ -88,6 +88,11 @@ def found_in(all_messages: tuple[Message, ...]) -> Diagnosis:
             Hypothesis().with_sensor("dirrs", x_m=0.02, y_m=-0.03, yaw_rad=math.radians(7.0)),
             "sensors.dirrs.mount=[-0.0112,-0.03,7]",
         ),
+        (Hypothesis(heading_rad=math.radians(8.0)), "pose.heading_offset_deg=8"),
+        (
+            Hypothesis(x_mps=0.03 / 60.0, y_mps=-0.02 / 60.0, heading_radps=math.radians(2.0) / 60),
+            "pose.drift_per_min=[-0.03,0.02,-2]",
+        ),
         (Hypothesis().with_sensor("ping", scale=1.04), "sensors.ping.range_scale=1.04"),
         (Hypothesis().with_sensor("dirrs", bias_m=0.02), "sensors.dirrs.range_bias_m=0.02"),
     ],

@@ -66,6 +66,23 @@ def offset_of_poses() -> Number:
     return Number("offset_s", None, 0.005, 0.2, 0.5, 0.008)
 
 
+def heading_of_poses() -> Number:
+    """What is added to all headings, radians, with the sign of pose.heading_offset_deg."""
+    return Number("heading_rad", None, 0.005, 0.2, 0.6, math.radians(0.8))
+
+
+def drift_of_poses(key: str, lasted_s: float) -> Number:
+    """What is added to the poses a second: ``heading_radps``, ``x_mps`` or ``y_mps``.
+
+    As small or large over a session as an offset of the headings, or of the places, would be.
+    """
+    if key == "heading_radps":
+        step, usual, most, least = 0.005, 0.2, 2.0, math.radians(1.5)
+    else:
+        step, usual, most, least = 0.002, 0.1, 1.0, 0.02
+    return Number(key, None, *(each / lasted_s for each in (step, usual, most, least)))
+
+
 def yaw_of(sensor: str) -> Number:
     """How far a mount is turned, radians."""
     return Number("yaw_rad", sensor, 0.005, 0.2, 0.6, math.radians(0.8))
@@ -94,10 +111,14 @@ def scale_of(sensor: str) -> Number:
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """A whole explanation: ``offset_s`` is added to the times of the poses, then each sensor's."""
+    """A whole explanation: ``offset_s`` is added to the times of the poses, ``heading_rad`` to
+    their headings, and so much a second since the first pose to all three; then each sensor's."""
 
     offset_s: float = 0.0
     heading_rad: float = 0.0
+    x_mps: float = 0.0
+    y_mps: float = 0.0
+    heading_radps: float = 0.0
     sensors: tuple[tuple[str, Change], ...] = ()
 
     def of(self, sensor: str) -> Change:
@@ -184,6 +205,17 @@ class Session:
             offset_ns = round(hypothesis.offset_s * NS_PER_S)
             poses, known = (track or self.placement.track).at(readings.t_ns - offset_ns)
             base = _where(known, poses @ self._base_from_tag, readings.world_from_base)
+        rates = hypothesis.x_mps, hypothesis.y_mps, hypothesis.heading_radps
+        if any(rates):
+            since_s = (readings.t_ns - self.placement.track.t_ns[0]) * 1e-9
+            base = Motions(
+                *(
+                    value + rate * since_s
+                    for value, rate in zip(
+                        (base.x_m, base.y_m, base.heading_rad), rates, strict=True
+                    )
+                )
+            )
         if hypothesis.heading_rad:
             base = base @ SE2(0.0, 0.0, hypothesis.heading_rad)
         return base

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,6 +15,7 @@ FEWEST_JUMPS = 3
 _JUMP_MPS, _JUMP_RADPS = 3.0, 12.0
 _LEAST_JUMP_M, _LEAST_JUMP_RAD = 0.15, 0.5
 _FEWEST = 20
+_STRIDE_S, _STRIDE_M, _STRAIGHT_RAD = 1.0, 0.05, math.radians(8.0)
 
 
 def steps_of(track: MotionTrack) -> tuple[Floats, Floats, Floats]:
@@ -53,3 +55,41 @@ def is_rough(track: MotionTrack, max_gap_s: float) -> bool:
     return heading_noise_rad(track, max_gap_s) >= 0.75 * NOISY_RAD or (
         len(jumps(track, max_gap_s)) >= many
     )
+
+
+@dataclass(frozen=True, slots=True)
+class Travel:
+    """How far to the left of its heading a robot drives, (radians), over ``steps`` pieces of way.
+
+    ``error_rad`` is the standard error of the mean.
+    """
+
+    rad: float
+    error_rad: float
+    steps: int
+
+
+def travel(track: MotionTrack, max_gap_s: float) -> Travel | None:
+    """The direction of travel against the heading, where the robot drives straight; None: it
+    hardly does.
+
+    A robot on two wheels drives along its heading, forwards or backwards, so headings that are
+    off show. One with omnidirectional wheels may drive as it likes.
+    """
+    t_s, at = track.t_ns * 1e-9, track.motions
+    after = np.searchsorted(t_s, t_s + _STRIDE_S)
+    first = np.arange(0, len(t_s), max(1, round(len(t_s) * _STRIDE_S / max(np.ptp(t_s), 1e-9))))
+    first = first[after[first] < len(t_s)]
+    last = after[first]
+    x_m, y_m = at.x_m[last] - at.x_m[first], at.y_m[last] - at.y_m[first]
+    turn = wrapped(at.heading_rad[last] - at.heading_rad[first])
+    straight = (np.hypot(x_m, y_m) > _STRIDE_M) & (np.abs(turn) < _STRAIGHT_RAD)
+    straight &= t_s[last] - t_s[first] < _STRIDE_S + max_gap_s
+    if straight.sum() < _FEWEST:
+        return None
+    heading = at.heading_rad[first][straight] + 0.5 * turn[straight]
+    off = wrapped(np.arctan2(y_m[straight], x_m[straight]) - heading)
+    off = np.where(np.abs(off) > math.pi / 2, wrapped(off + math.pi), off)  # backwards
+    middle = float(np.median(off))
+    spread = 1.4826 * float(np.median(np.abs(off - middle)))
+    return Travel(middle, 1.25 * spread / math.sqrt(len(off)), len(off))

@@ -35,13 +35,17 @@ class Candidate:
     """One thing that may be wrong: numbers that are free together, and values to start from.
 
     ``parts``: which cause each number is of, and whose. ``by_score``: the score sees it; else
-    (scale, bias) only the walls do, from near and far.
+    (scale, bias) only the walls do, from near and far. ``instead_of`` are numbers that would
+    explain the same: candidates of them are left out where this one is tried. ``any_plain``: it is
+    enough that one of the numbers differs from nothing.
     """
 
     parts: tuple[tuple[str, str], ...]
     numbers: tuple[Number, ...]
     coarse: tuple[tuple[float, ...], ...] = ()
     by_score: bool = True
+    instead_of: tuple[Number, ...] = ()
+    any_plain: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,8 @@ def search(
 ) -> tuple[Hypothesis, list[Found]]:
     """The hypothesis that the candidates come to, and which of them were taken, in that order."""
     current, taken = start, list[Found]()
+    replaced = {number for each in candidates for number in each.instead_of}
+    candidates = [each for each in candidates if not replaced & set(each.numbers)]
     for by_score in (True, False):
         while sum(len(found.candidate.numbers) for found in taken) < MOST_CAUSES:
             known = {number for found in taken for number in found.candidate.numbers}
@@ -144,7 +150,8 @@ def _tried(
     good: list[Found] = []
     for begin in starts:
         by_walls = fit(case.beams(case.thin), numbers, begin)
-        if by_walls.failed or not all(_is_plain(by_walls, each) for each in candidate.numbers):
+        plain = [_is_plain(by_walls, each) for each in candidate.numbers]
+        if by_walls.failed or not (any(plain) if candidate.any_plain else all(plain)):
             continue
         judged = case.score(by_walls.hypothesis)
         errors = tuple(float(by_walls.error[numbers.index(n)]) for n in candidate.numbers)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from recorder.cli import options
-from recorder.cli.simulated_faults import fault_options, faults_of
+from recorder.cli.simulated_faults import fault_options, faults_of, mounts_of
 
 
 @click.command(epilog="Example:  echogrid simulate room -o run.mcap --duration 60 --seed 1")
@@ -54,12 +54,19 @@ from recorder.cli.simulated_faults import fault_options, faults_of
     show_default=True,
     help="Turn the sensors' head to and fro, by so many degrees (0 to 180) to each side.",
 )
+@click.option(
+    "--mount",
+    "mounts",
+    multiple=True,
+    metavar="NAME=X_M,Y_M,DEG",
+    help="Where a sensor sits: ahead, to the left, turned counter-clockwise.",
+)
 @fault_options
 @options.force
 @options.quiet
 def simulate(
     room: str, output: Path, duration: float, seed: int, noise: float, sensors: str, route: str,
-    head_sweep: float, force: bool, quiet: bool, **faults: Any,
+    head_sweep: float, mounts: tuple[str, ...], force: bool, quiet: bool, **faults: Any,
 ) -> int:  # fmt: skip
     """Make a session of a simulated robot, at once.
 
@@ -80,6 +87,7 @@ def simulate(
     messages = run(
         place, duration_s=duration, seed=seed, noise=noise, sensors=names, route=path,
         head_sweep_deg=head_sweep, faults=wrong,
+        mounts=mounts_of(mounts),
     )  # fmt: skip
     metadata = {"simulated": place.name, "seed": seed, "noise": noise, "duration_s": duration}
     if wrong.stated():

@@ -1,4 +1,4 @@
-"""Options of ``simulate``: what shall be wrong with the run."""
+"""Options of ``simulate``: where sensors sit, and what shall be wrong with the run."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from recorder.cli import options
 from recorder.errors import BadInput
 
 if TYPE_CHECKING:
+    from recorder.geometry import SE2
     from recorder.simulator.faults import RunFaults
 
 _FOREVER_S = 1e9
@@ -106,6 +107,14 @@ def faults_of(choices: dict[str, Any]) -> RunFaults:
         wheel_slip=WHEEL_SLIP if slip is None else slip, cross_talk=choices["cross_talk"],
         sensors={name: SensorFaults(**values) for name, values in of_sensors.items()},
     )  # fmt: skip
+
+
+def mounts_of(texts: Sequence[str]) -> dict[str, SE2]:
+    """Where sensors sit, by their names; BadInput for text that is no mount."""
+    from recorder.geometry import SE2
+
+    named = [_named("--mount", text, (3,)) for text in texts]
+    return {name: SE2(x_m, y_m, _radians(deg)) for name, (x_m, y_m, deg) in named}
 
 
 def _named(flag: str, text: str, lengths: Sequence[int]) -> tuple[str, list[float]]:

@@ -82,7 +82,8 @@ class Robot:
     ``sensors`` are names that hold their kind, as ``ping``, ``tfmini`` or ``hcsr04_left``.
     Raises BadInput for an unknown sensor, a route that cannot be driven, and numbers out of range.
     ``head_sweep_deg`` above 0 puts the rangers on a head that turns to and fro by so much to
-    either side. ``faults`` are what is wrong with it, besides its noise.
+    either side. ``faults`` are what is wrong with it, besides its noise. ``mounts`` are where
+    sensors sit that sit elsewhere than is usual for their kind.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class Robot:
         route: NDArray[np.float64] | None = None,
         head_sweep_deg: float = 0.0,
         faults: RunFaults = SOUND,
+        mounts: Mapping[str, SE2] | None = None,
     ) -> None:
         for what, value, highest in (
             ("noise", noise, MAX_NOISE),
@@ -106,7 +108,7 @@ class Robot:
         if route is not None and route is not room.route_m:
             check_route(route, room)
         self.room = room
-        self.kinds = _known_sensors(sensors)
+        self.kinds = _placed(_known_sensors(sensors), mounts or {})
         self.drive = Drive(room.route_m if route is None else route, WHEELS.track_m)
         self._noise = noise
         self._seed = seed
@@ -294,6 +296,7 @@ def simulate(
     route: NDArray[np.float64] | None = None,
     head_sweep_deg: float = 0.0,
     faults: RunFaults = SOUND,
+    mounts: Mapping[str, SE2] | None = None,
     start_ns: int = DEFAULT_START_NS,
 ) -> Iterator[tuple[int, Message]]:
     """A whole run as ``(log_ns, message)`` pairs, in the order of ``log_ns``.
@@ -314,6 +317,7 @@ def simulate(
         route=route,
         head_sweep_deg=head_sweep_deg,
         faults=faults,
+        mounts=mounts,
     )
     return _messages(robot, duration_s, start_ns)
 
@@ -355,3 +359,14 @@ def _known_sensors(names: Sequence[str]) -> dict[str, SensorKind]:
     if not names:
         raise BadInput(f"the simulated robot needs a sensor: {', '.join(CATALOGUE)}")
     return kinds
+
+
+def _placed(kinds: dict[str, SensorKind], mounts: Mapping[str, SE2]) -> dict[str, SensorKind]:
+    """The kinds with other mounts. Raises BadInput for a sensor that there is not."""
+    for name in mounts:
+        if name not in kinds:
+            raise BadInput(f"no sensor {name!r} to mount; {did_you_mean(name, kinds)}")
+    return {
+        name: replace(kind, mount=mounts[name]) if name in mounts else kind
+        for name, kind in kinds.items()
+    }

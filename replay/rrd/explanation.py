@@ -138,6 +138,8 @@ def _temp(temp: TempGrid) -> str:
     if not in_band and not in_front:
         return f"## Reading {temp.beam.number} is no evidence\n\nIt touches no cell of the map."
     lines = [f"## Reading {temp.beam.number}: the evidence of {temp.beam.sensor} for each cell\n"]
+    if temp.beam.model:
+        lines.append(f"{temp.beam.sensor} has several models: this is the one {temp.beam.model}.\n")
     if in_band:
         lines.append(
             f"- **Red, {in_band:,} cells**: the obstacle may be here. Probability of being "

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from mapping.diagnosis.causes.channels import Channels
 from mapping.diagnosis.causes.cones import Cones
+from mapping.diagnosis.causes.cross_talk import CrossTalk
+from mapping.diagnosis.causes.headings import Drift, Headings
 from mapping.diagnosis.causes.interface import Cause
 from mapping.diagnosis.causes.mount import Mount
 from mapping.diagnosis.causes.pose_time import PoseTime
@@ -14,6 +16,6 @@ from mapping.diagnosis.causes.smoothing import Smoothing
 from mapping.diagnosis.causes.wrong_echoes import WrongEchoes
 
 CAUSES: tuple[Cause, ...] = (
-    Channels(), Silence(), Poses(), PoseTime(), Mount(), RangeScale(), Cones(), Smoothing(),
-    WrongEchoes(),
+    Channels(), Silence(), Poses(), PoseTime(), Headings(), Drift(), Mount(), RangeScale(), Cones(),
+    CrossTalk(), Smoothing(), WrongEchoes(),
 )  # fmt: skip

@@ -11,6 +11,7 @@ from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect
 from mapping.diagnosis.facing import Acceptance, Facing, acceptance, facing, walls_of
 from mapping.diagnosis.hypothesis import Hypothesis
+from recorder.messages import Radiation
 
 _WIDER, _NARROWER = 1.6, 0.83  # times what is configured
 _YAW_RAD = math.radians(4.5)
@@ -25,8 +26,12 @@ class Cones(Cause):
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """One sonar after the other."""
+        if not case.thin or case.rough:
+            return
         walls = walls_of(case, hypothesis)
         for sensor in case.wide:
+            if case.placed.sensors[sensor].radiation is not Radiation.ULTRASOUND:
+                continue  # light that is averaged over a cone
             edges = acceptance(case, hypothesis, sensor, walls)
             if edges is not None:
                 yield from _of_edges(case, sensor, edges)

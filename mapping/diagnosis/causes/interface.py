@@ -131,5 +131,9 @@ _UNITS = {
     "offset_s": ("ms", 1e3, "time added to the poses"), "yaw_rad": ("degrees", 57.29577951, "yaw"),
     "x_m": ("cm", 100.0, "shift forward"), "y_m": ("cm", 100.0, "shift to the left"),
     "bias_m": ("cm", 100.0, "bias"), "scale": ("times", 1.0, "scale"),
-    "heading_rad": ("degrees", 57.29577951, "heading"), "widened": ("times", 1.0, "beam width"),
+    "heading_rad": ("degrees", 57.29577951, "angle added to the headings"),
+    "heading_radps": ("degrees a minute", 60.0 * 57.29577951, "turn added to the headings"),
+    "x_mps": ("cm a minute", 6000.0, "way added to the poses along x"),
+    "y_mps": ("cm a minute", 6000.0, "way added to the poses along y"),
+    "widened": ("times", 1.0, "beam width"),
 }  # fmt: skip

@@ -6,8 +6,10 @@ import math
 from collections.abc import Iterator
 
 from mapping.diagnosis.case import Case
+from mapping.diagnosis.causes.headings import travel_text
 from mapping.diagnosis.causes.interface import Cause, Settings, Suspect, how_sure, profile
 from mapping.diagnosis.hypothesis import Hypothesis, Number, offset_of_poses, y_of, yaw_of
+from mapping.diagnosis.pose_quality import travel
 from mapping.diagnosis.search import Candidate, Found
 
 _COARSE_RAD = tuple(math.radians(v) for v in (-16, -10, -5, -2, 2, 5, 10, 16))
@@ -66,9 +68,22 @@ class Mount(Cause):
             (
                 "seen from different directions the same wall lies at different places; with the "
                 "mount mended its readings agree",
+                *_or_the_headings(case, number),
             ),
             found.gain.mean, how_sure(found.gain, errors),
             self.settings(case, hypothesis, sensor), value=value,
             unit="rad" if number.key == "yaw_rad" else "m", gain=found.gain,
             plots=(profile(case, number, hypothesis, values),),
         )  # fmt: skip
+
+
+def _or_the_headings(case: Case, number: Number) -> Iterator[str]:
+    """Of a single thin beam a turned mount looks as headings do that are off."""
+    if number.key != "yaw_rad" or len(case.thin) > 1:
+        return
+    yield (
+        "headings that are off by as much would look the same (pose.heading_offset_deg): no other "
+        "thin beam tells which"
+    )
+    if (seen := travel(case.placed.placement.track, case.config.pose.max_gap_s)) is not None:
+        yield travel_text(seen)
