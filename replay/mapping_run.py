@@ -79,7 +79,7 @@ def map_session(
     total, count = counts.readings, _every_now_and_then(progress, counts.readings)
     artifacts = build_maps(
         placed, config, walls_m=true_walls(session.attachments), merged=count,
-        watched=rrd is not None or bool(probes), threads=cores(),
+        watched=rrd is not None or bool(probes), threads=idle_cores(),
     )  # fmt: skip
     first = next(artifacts)  # a session that cannot be mapped leaves no file behind
     followed = tuple(CellProbe(at_m) for at_m in probes)
@@ -118,6 +118,13 @@ def map_session(
 def cores() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def idle_cores() -> int:
+    """How many of them nobody else keeps busy, one at least: threads that wait for each other are
+    slower than one where other programs take turns with them."""
+    busy = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return max(round(cores() - busy), 1)
 
 
 def _every_now_and_then(
