@@ -29,6 +29,7 @@ from mapping.kernels.batch.fading import (
 )  # fmt: skip
 from mapping.kernels.batch.lanes import free_loop, loop
 from mapping.kernels.batch.outline import front_runs
+from mapping.kernels.batch.owners import look_for_bands, nearest_axes, owner
 from mapping.kernels.batch.readings import Place, ScanAxes, Scans
 from mapping.kernels.batch.seen import (
     Bits,
@@ -41,7 +42,7 @@ from mapping.kernels.batch.seen import (
 )  # fmt: skip
 from mapping.kernels.batch.spans import Beam, likely_spans, span_scratch
 from mapping.kernels.batch.steps import CLAMP, HIGHEST, ONE
-from mapping.kernels.footprints import TOLERANCE_M, _in_beam, turn_of
+from mapping.kernels.footprints import TOLERANCE_M
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -94,55 +95,6 @@ def _band_runs(
 
 
 @loop
-def _nearest_axes(
-    axis: Integers, headings: Floats, turns: Floats, after: Integers, scratch: Floats
-) -> None:
-    """Borders between neighbouring axes as numbers of ``turn_of``, ascending, and the axis after
-    each: those of the rasteriser. The axes come in the order of their directions, so both lists
-    only have to be begun at their lowest."""
-    n, lowest, first = axis.size, 0, 0
-    for k in range(n):
-        if headings[axis[k]] % (2.0 * math.pi) < headings[axis[lowest]] % (2.0 * math.pi):
-            lowest = k
-    for k in range(n):
-        here = headings[axis[(lowest + k) % n]] % (2.0 * math.pi)
-        there = headings[axis[(lowest + k + 1) % n]] % (2.0 * math.pi)
-        there += 2.0 * math.pi if k == n - 1 else 0.0
-        middle = here + (there - here) / 2.0
-        scratch[k] = turn_of(math.cos(middle), math.sin(middle))
-        first = k if scratch[k] < scratch[first] else first
-    for k in range(n):
-        turns[k] = scratch[(first + k) % n]
-        after[k] = axis[(lowest + first + k + 1) % n]
-
-
-@loop
-def _owner(
-    dx: float, dy: float, turns: Floats, after: Integers, headings: Floats, half: float,
-    fronts: Floats, bands: Floats,
-) -> tuple[int, bool]:  # fmt: skip
-    """The beam that says something of a place, -1 for none, and is it in its band?
-
-    ``fronts`` and ``bands`` are the ends in metres, as the scan has them.
-    """
-    turn, low, high = turn_of(dx, dy), 0, turns.size
-    while low < high:  # how many borders lie at or before the place
-        middle = (low + high) // 2
-        low, high = (middle + 1, high) if turns[middle] <= turn else (low, middle)
-    axis = after[low - 1 if low > 0 else turns.size - 1]
-    rho = math.sqrt(dx * dx + dy * dy)
-    if rho > max(fronts[axis], bands[axis]) + TOLERANCE_M:
-        return -1, False
-    in_front = rho < fronts[axis] - TOLERANCE_M
-    if not in_front and not bands[axis] > fronts[axis]:
-        return -1, False
-    c, s = math.cos(headings[axis]), math.sin(headings[axis])
-    if not _in_beam(dx * c + dy * s, dy * c - dx * s, rho, math.sin(half), math.cos(half), half):
-        return -1, False
-    return axis, not in_front
-
-
-@loop
 def _turned(c: float, s: float, unit: Floats, out: Floats) -> None:
     """Directions (2, A) turned by an angle."""
     for j in range(unit.shape[1]):
@@ -155,22 +107,6 @@ def _hit_of(sensor: Floats, range_m: float) -> Any:
     """Steps that a cell in the band gains."""
     faded = range_m / sensor[FADE]
     return np.int32(np.rint(min(sensor[HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
-
-
-@loop
-def _look_for_bands(
-    slow: Flags, place: Place, x: float, y: float, first: int, last: int, turns: Floats,
-    after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats, in_band: Flags,
-) -> None:  # fmt: skip
-    """Which beams own a cell of their band in the rows that are looked at cell by cell?"""
-    for row in range(slow.size):
-        if slow[row]:
-            dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - y
-            for col in range(first, last):
-                dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - x
-                axis, is_band = _owner(dx, dy, turns, after, headings, half, fronts, bands)
-                if axis >= 0 and is_band:
-                    in_band[axis] = True
 
 
 @loop
@@ -230,6 +166,7 @@ def add_scans(
     fronts, bands, in_cells = np.empty(axis.size), np.empty(axis.size), np.empty(axis.size)
     turns, after, headings = np.empty(axis.size), np.empty(axis.size, np.int64), np.empty(beams)
     half, size, is_sharp = sensor[HALF_WIDTH], place.size_m, _is_sharp(axes)
+    width, turned = (math.sin(half), math.cos(half), half), np.empty((2, beams))
     miss, near = np.float32(-sensor[MISS] * ONE), np.float32(-sensor[MISS] * sensor[NEAR] * ONE)
     for i in range(scans.x_m.size):
         x, y, heading = scans.x_m[i], scans.y_m[i], scans.heading_rad[i]
@@ -259,8 +196,10 @@ def add_scans(
         box = _box_of(x, y, farthest, place, rows, cols)
         touched = around(touched, box)
         if _any(slow):
-            _nearest_axes(axis, headings, turns, after, in_cells)
-            _look_for_bands(slow, place, x, y, box[2], box[3], turns, after, headings, half,
+            nearest_axes(axis, headings, turns, after, in_cells)
+            for k in range(beams):
+                turned[0, k], turned[1, k] = math.cos(headings[k]), math.sin(headings[k])
+            look_for_bands(slow, place, x, y, box[2], box[3], turns, after, turned, width,
                             front_ends, band_ends, in_band)  # fmt: skip
         found_points = _point_cells(cells, place, x, y, headings, ranges, band_ends, in_band, part,
                                     parts, cols, points)  # fmt: skip
@@ -276,7 +215,7 @@ def add_scans(
         for row in range(part, rows, parts):
             if slow[row]:
                 _add_slow_row(cells, seen, row, place, x, y, box[2], box[3], turns, after,
-                              headings, half, front_ends, band_ends, ranges, sensor, bell, square,
+                              turned, width, front_ends, band_ends, ranges, sensor, bell, square,
                               row_bell, row_square, miss, near, parts)  # fmt: skip
         for k in range(found_points):
             row, col = points[0, k], points[1, k]
@@ -381,8 +320,8 @@ def _add_front(
 @loop
 def _add_slow_row(
     cells: Steps, seen: Bits, row: int, place: Place, x: float, y: float, first: int, last: int,
-    turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
-    ranges: Floats, sensor: Floats, bell: Singles,
+    turns: Floats, after: Integers, turned: Floats, width: tuple[float, float, float],
+    fronts: Floats, bands: Floats, ranges: Floats, sensor: Floats, bell: Singles,
     square: Singles, row_bell: Singles, row_square: Singles,
     miss: float, near: float, parts: int,
 ) -> None:  # fmt: skip
@@ -390,7 +329,7 @@ def _add_slow_row(
     dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - y
     for col in range(first, last):
         dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - x
-        axis, is_band = _owner(dx, dy, turns, after, headings, half, fronts, bands)
+        axis, is_band = owner(dx, dy, turns, after, turned, width, fronts, bands)
         if axis < 0:
             continue
         hit = _hit_of(sensor, ranges[axis])
