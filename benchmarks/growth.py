@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.peers import rivals, sessions
 from mapping.kernels.batch import fading
-from mapping.kernels.batch.threads import in_parts
+from mapping.kernels.batch.threads import band_edges, in_bands
 
 ROUNDS = 7
 
@@ -27,9 +27,11 @@ def racer(session: sessions.Session, threads: int = 0) -> rivals.Race:
     half = session.beam_width_rad / 2.0
     table = np.array([[half, model["hit"], model["miss"], model["near"], model["fade_m"]]])
     job = (cells, observed, place, readings, table)
+    rows = len(observed)
     if threads:
-        return rivals.wall(lambda: in_parts(fading.add_fading, *job, threads=threads))
-    return rivals.cpu(lambda: fading.add_fading(*job, 0, 1))
+        edges = band_edges(readings, np.array([half]), place, rows, threads)
+        return rivals.wall(lambda: in_bands(fading.add_fading, *job, edges=edges))
+    return rivals.cpu(lambda: fading.add_fading(*job, 0, rows))
 
 
 def variants() -> dict[str, tuple[rivals.Race, int]]:

@@ -27,7 +27,7 @@ from mapping.pipeline import geometry_of
 from mapping.placed_session import place_session
 from mapping.scoring.observable import observable_cells, with_silent_readings
 from mapping.scoring.truth import TrueWalls
-from mapping.update_rules.pooled_weights import Weights, weights_of
+from mapping.update_rules.pooled_weights import Weights, as_table, weights_of
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Scan
 from recorder.sensors import CATALOGUE
@@ -136,10 +136,7 @@ def document(weights: dict[str, Weights], seed: int) -> str:
     text.add(tomlkit.comment(f"at {', '.join(map(str, SIZES))} times their size."))
     for medium, each in weights.items():
         table = tomlkit.table()
-        table.add("fade_m", each.fade_m)
-        table.add("most_unpassed", each.most_unpassed)
-        table.add("bias", float(f"{each.bias:.6g}"))
-        table.add("weights", {name: float(f"{value:.6g}") for name, value in each.of.items()})
+        table.update(as_table(each))
         text.add(medium, table)
     return tomlkit.dumps(text)
 

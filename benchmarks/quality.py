@@ -45,7 +45,7 @@ from recorder.session.columns import open_session
 from recorder.simulator.faults import RunFaults
 from recorder.simulator.robot import DEFAULT_START_NS, Robot, simulate
 from recorder.simulator.rooms import ROOMS
-from recorder.truth import read_walls
+from recorder.truth import read_surfaced_walls
 from replay.tables import text_table
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
@@ -96,7 +96,7 @@ class Case:
     group: str
     room: str
     kind: str
-    walls_m: NDArray[np.float64]
+    truth: TrueWalls
     session: Sequence[Message] | Path
     seen_from: Sequence[Message] | Path
 
@@ -111,7 +111,7 @@ def _placed(session: Sequence[Message] | Path, config: MappingConfig) -> PlacedS
 
 def simulated(room: str, kinds: Sequence[str], seed: int, folder: Path | None) -> Iterator[Case]:
     """The kinds of session of a built-in room, made or read again from a folder."""
-    walls_m, of_kind = ROOMS[room].walls_m, {}
+    truth, of_kind = TrueWalls.of(ROOMS[room].walls_m, ROOMS[room].surfaces), {}
     for kind in dict.fromkeys(["A", *kinds]):
         file = None if folder is None else folder / f"{room}_{kind}_{seed}.mcap"
         if file is None or not file.exists():
@@ -122,7 +122,7 @@ def simulated(room: str, kinds: Sequence[str], seed: int, folder: Path | None) -
         else:
             of_kind[kind] = [record.message for record in read_session(file).records]
     for kind in kinds:
-        yield Case("ours", room, kind, walls_m, of_kind[kind], of_kind["C" if kind == "C" else "A"])
+        yield Case("ours", room, kind, truth, of_kind[kind], of_kind["C" if kind == "C" else "A"])
 
 
 def _simulated(room: str, kind: str, seed: int) -> list[Message]:
@@ -156,7 +156,8 @@ def others(folder: Path, kinds: Sequence[str]) -> Iterator[Case]:
             file = folder / f"{walls.stem}_{kind}.mcap"
             if file.exists():
                 seen_from = folder / f"{walls.stem}_{'C' if kind == 'C' else 'A'}.mcap"
-                yield Case("other simulator", walls.stem, kind, read_walls(walls), file, seen_from)
+                truth = TrueWalls.of(*read_surfaced_walls(walls))
+                yield Case("other simulator", walls.stem, kind, truth, file, seen_from)
 
 
 @dataclass(slots=True)
@@ -169,7 +170,7 @@ class Judge:
 
     def scores(self, variant: Variant) -> dict[str, LayerScore]:
         """By layer."""
-        config, truth = variant.config, TrueWalls(self.case.walls_m)
+        config, truth = variant.config, self.case.truth
         layers, lines = self._maps(config)
         geometry = layers[0].geometry
         if geometry not in self._seen:

@@ -41,13 +41,13 @@ def page() -> str:
 
 def _table() -> str:
     rows = [
-        "| kind | sensor | measures by | beam | range | error | a second |",
-        "|---|---|---|---|---|---|---|",
+        "| kind | sensor | measures by | beam | range | error | a second | update rule |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     rows += [
         f"| `{kind.name}` | {kind.title} | {kind.medium} | {kind.beam_width_deg:g}° "
         f"| {kind.min_range_m:g} to {kind.max_range_m:g} m | {100 * kind.range_error:g} % "
-        f"| {kind.rate_hz:g} |"
+        f"| {kind.rate_hz:g} | `{kind.update}` |"
         for kind in CATALOGUE.values()
     ]
     return "\n".join(rows) + "\n"
@@ -80,6 +80,8 @@ def _value(kind: SensorKind, name: str) -> str:
         case "faults":
             figures = {key: getattr(value, key) for key in value.__slots__}
             return ", ".join(f"{key} {float(v):g}" for key, v in figures.items() if v)
+        case "update":
+            return str(value)
         case "scan":
             return (
                 f"{value.beams} beams from {value.first_deg:g} degrees, "

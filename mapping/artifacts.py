@@ -6,8 +6,9 @@ comparison each take what they need. Arrays are read-only. One artifact is one *
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,21 +45,28 @@ class TempGrid:
         return self.free
 
 
+class HasTerms(Protocol):
+    """An update rule of several sums a cell."""
+
+    def terms(self, cells: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
+        """What each sum adds to the log-odds, by name."""
+
+
 @dataclass(frozen=True, slots=True)
 class Sums:
     """What a rule of several sums holds of a window's cells, before a reading and after it.
 
-    ``terms`` is the rule's: sums -> what each adds to the log-odds, by name.
+    ``rule`` is the update rule, whose terms state what each sum adds to the log-odds.
     """
 
     before: Mapping[str, NDArray[np.float64]]
     after: Mapping[str, NDArray[np.float64]]
-    terms: Callable[[dict[str, NDArray[np.float64]]], dict[str, NDArray[np.float64]]]
+    rule: HasTerms
 
     def changes(self, row: int, col: int) -> tuple[tuple[str, float], ...]:
         """By how much each term of a cell of the window changed, the largest first."""
         old, new = (
-            self.terms({name: array[row, col : col + 1] for name, array in sums.items()})
+            self.rule.terms({name: array[row, col : col + 1] for name, array in sums.items()})
             for sums in (self.before, self.after)
         )
         changed = [(name, float(new[name][0] - old[name][0])) for name in new]
@@ -216,6 +224,21 @@ class Started:
 
 
 @dataclass(frozen=True, slots=True)
+class RejectedReading:
+    """A reading that a filter left out: it is on no map.
+
+    ``beam.number`` is that of the next reading that is mapped. ``filter`` looked at ``of`` readings
+    and expected ``expected_m`` (+Inf: to see nothing).
+    """
+
+    beam: Beam
+    reason: str
+    expected_m: float
+    filter: str
+    of: int
+
+
+@dataclass(frozen=True, slots=True)
 class DroppedReadings:
     """When a sensor's readings were dropped for one reason, (N,) nanoseconds, in order."""
 
@@ -240,6 +263,7 @@ Artifact = (
     | Beam
     | TempGrid
     | MergedGrid
+    | RejectedReading
     | Snapshot
     | Thresholded
     | Classes

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.threads import in_parts
+from mapping.kernels.batch.threads import band_edges, in_bands, in_parts
 from mapping.parameters import Sensor
 from mapping.readings import Readings
 from mapping.sensor_model import SENSOR_MODELS, regions_table
@@ -43,6 +43,8 @@ if TYPE_CHECKING:
 
 _MODELS = (Regions, Peak, Fading)
 _KEPT_AXES = 256  # sets of directions
+_LOOKED_AT = 100  # readings of a stretch, to see how many cells they cover
+_CELLS_WORTH_A_THREAD = 20_000  # a scan: below, what each thread works out by itself costs more
 
 
 class Adder(Protocol):
@@ -99,9 +101,15 @@ class _Kernel:
     """What all kernels for readings of one axis have in common: the readings as they want them."""
 
     def __init__(self, rule: UpdateRule, sensors: Sequence[Sensor], mine: Sequence[int]) -> None:
-        self.rule, self.sensors = rule, [sensors[number] for number in mine]
+        models = [sensors[number].models for number in mine]
+        self.rule, self.sensors = rule, [model for each in models for model in each]
         self._row = np.zeros(len(sensors), np.int32)
-        self._row[list(mine)] = np.arange(len(mine))
+        self._row[list(mine)] = np.cumsum([0, *map(len, models)])[:-1]
+        # Up to which range each model goes but the last, by sensor.
+        self._ends_m = np.full((len(sensors), max(map(len, models)) - 1), np.inf)
+        for number in mine:
+            nearer = sensors[number].nearer
+            self._ends_m[number, : len(nearer)] = [model.up_to_m for model in nearer]
         self._half_rad = np.array([sensor.beam_width_rad / 2.0 for sensor in self.sensors])
         self._band = np.array([SENSOR_MODELS[s.model].band(s) for s in self.sensors])
         self._mark_to_m = np.array([s.mark_to_m or np.inf for s in self.sensors])
@@ -113,7 +121,7 @@ class _Kernel:
         from mapping.kernels.batch.readings import ends_of
 
         start, axis = readings.world_from_sensor, readings.begins[rows]
-        of = self._row[readings.sensor[rows]]
+        of = self._models_of(readings.sensor[rows], readings.ranges_m[axis])
         before, behind = self._band[of].T
         ends = ends_of(
             readings.ranges_m[axis], readings.reach_m[axis], before, behind, self._empties[of],
@@ -124,9 +132,25 @@ class _Kernel:
         x_m, y_m, heading_rad, far, front, band = map(np.ascontiguousarray, columns)
         return Columns(x_m, y_m, heading_rad, far, front, band, of)
 
+    def _models_of(self, sensor: Ints, range_m: Floats) -> NDArray[np.int32]:
+        """The model of each reading (N,), as a row of the tables."""
+        row = self._row[sensor]
+        for end_m in self._ends_m.T:
+            row = row + (range_m > end_m[sensor])
+        return row.astype(np.int32, copy=False)
+
     def add(self, target: Target, readings: Readings, rows: Ints, threads: int) -> None:
         """See :class:`Adder`."""
         raise NotImplementedError
+
+    def in_bands(
+        self, kernel: Callable[..., None], target: Target, columns: Columns, *more: Any,
+        threads: int,
+    ) -> None:  # fmt: skip
+        """Run a loop on some columns, a thread a band of rows."""
+        rows = len(target.observed)
+        edges = band_edges(columns, self._half_rad, target.place, rows, threads)
+        in_bands(kernel, *target, columns, *more, edges=edges)
 
     @property
     def has_front_evidence(self) -> Floats:
@@ -158,7 +182,7 @@ class _FadingReadings(_Kernel):
         from mapping.kernels.loops import add_fading
 
         table = np.array([_fading_row(sensor) for sensor in self.sensors])
-        in_parts(add_fading, *target, self.columns(readings, rows), table, threads=threads)
+        self.in_bands(add_fading, target, self.columns(readings, rows), table, threads=threads)
 
 
 class _RegionReadings(_Kernel):
@@ -179,7 +203,7 @@ class _RegionReadings(_Kernel):
         from mapping.kernels.loops import add_regions
 
         columns = self.columns(readings, rows)
-        in_parts(add_regions, *target, columns, *self._tables, threads=threads)
+        self.in_bands(add_regions, target, columns, *self._tables, threads=threads)
 
 
 class _Bands(_Kernel):
@@ -193,10 +217,8 @@ class _Bands(_Kernel):
         from mapping.kernels.loops import add_bands
 
         table = np.column_stack([self._half_rad, self.has_front_evidence])
-        array = target.array[0]
-        in_parts(
-            add_bands, array, target.observed, target.place, columns, table, what, threads=threads
-        )
+        target = target._replace(array=target.array[0])
+        self.in_bands(add_bands, target, columns, table, what, threads=threads)
 
 
 class _Axes(_Bands):
@@ -229,7 +251,7 @@ class _Cells(_Kernel):
         rules = {Sum: cell_tables.SUM, Saturating: cell_tables.EVIDENCE}
         what = rules.get(type(self.rule), cell_tables.MASSES)
         columns = self.columns(readings, rows)
-        in_parts(add_cellwise, *target, columns, *tables, what, threads=threads)
+        self.in_bands(add_cellwise, target, columns, *tables, what, threads=threads)
 
 
 class _Sums(_Kernel):
@@ -247,6 +269,7 @@ class _Sums(_Kernel):
             )
         ])  # fmt: skip
         what = POOLED if isinstance(rule, Pooled) else SATURATING
+        threads = worth_threads(readings, rows, target.place.size_m, threads)
         in_parts(add_sums, *target, columns, table, np.array(LIMITS), what, threads=threads)
 
 
@@ -261,6 +284,7 @@ class _FadingScans:
         from mapping.kernels.batch.readings import Scans, ends_of
 
         sensor, start = self.sensor, readings.world_from_sensor
+        threads = worth_threads(readings, rows, target.place.size_m, threads)
         before, behind = SENSOR_MODELS[sensor.model].band(sensor)
         for same, bearings_rad in _same_beams(readings, rows):
             axes = readings.begins[same][:, None] + np.arange(len(bearings_rad))
@@ -310,6 +334,20 @@ def _same_beams(readings: Readings, rows: Ints) -> Iterator[tuple[Ints, Floats]]
         if end == len(rows) or not np.array_equal(each[end], each[first]):
             yield rows[first:end], each[first]
             first = end
+
+
+def worth_threads(readings: Readings, rows: Ints, resolution_m: float, threads: int) -> int:
+    """One, where readings cover so few cells that another thread costs more than it brings."""
+    if threads == 1 or not len(rows):
+        return 1
+    some = rows[:: -(-len(rows) // _LOOKED_AT)]
+    area_m2 = 0.0
+    for row in some.tolist():
+        axes = slice(readings.begins[row], readings.begins[row + 1])
+        far_m = np.minimum(readings.ranges_m[axes], readings.reach_m[axes])
+        width_rad = readings.sensors[readings.sensor[row]].beam_width_rad
+        area_m2 += 0.5 * width_rad * float(np.square(far_m).sum())
+    return threads if area_m2 / len(some) / resolution_m**2 > _CELLS_WORTH_A_THREAD else 1
 
 
 def runs_of(values: NDArray[np.generic]) -> Iterator[tuple[int, int]]:

@@ -29,7 +29,7 @@ class Beam:
     ``world_from_sensor`` is the beam's origin and heading; ``reach_m`` how far the sensor
     sees, and so how far a beam without return clears; of scans and of sensors that may clear less,
     one for each axis (N,). An obstacle beyond ``mark_to_m`` is not marked: what lies before it is
-    free, no more.
+    free, no more. ``model`` names which of several models of its sensor, by range, it is judged by.
     """
 
     number: int
@@ -43,6 +43,7 @@ class Beam:
     beam_width_rad: float
     reach_m: float | NDArray[np.float64]
     mark_to_m: float = math.inf
+    model: str = ""
 
     @property
     def headings_rad(self) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +26,9 @@ from mapping.config_sections import (
     sensor_section,
 )
 from mapping.names import choose
-from mapping.parameters import Configurable, ParameterSection, Section, Sensor
+from mapping.parameters import Configurable, ParameterSection, Section, Sensor, Table
 from mapping.sensor_model.models import SENSOR_MODELS
-from mapping.update_rules.rules import UPDATE_RULES
+from mapping.update_rules.rules import UPDATE_RULES, Bayes
 from recorder.errors import BadInput
 from recorder.foreign import read_text, reading, reason_of
 from recorder.geometry import SE2
@@ -68,9 +68,7 @@ class ReportedSensor:
     max_range_m: float = math.nan
 
 
-_COMMON: dict[str, Any] = {
-    "update": "bayes", "rasteriser": "cells", "second_grid": True,
-}  # fmt: skip
+_COMMON: dict[str, Any] = {"rasteriser": "cells", "second_grid": True}
 
 
 def sensor_defaults(kind: SensorKind) -> dict[str, Any]:
@@ -79,7 +77,8 @@ def sensor_defaults(kind: SensorKind) -> dict[str, Any]:
     BadInput where the catalogue gives its model a parameter that there is not, or a bad value.
     """
     keys = {
-        **_COMMON, "model": kind.model, **kind.model_parameters, "no_echo": kind.no_echo,
+        **_COMMON, "model": kind.model, **kind.model_parameters, "update": kind.update,
+        "no_echo": kind.no_echo,
         "mount": (kind.mount.x_m, kind.mount.y_m, math.degrees(kind.mount.heading_rad)),
         "beam_width_deg": kind.beam_width_deg, "range_error": kind.range_error,
         "min_range_m": kind.min_range_m, "max_range_m": kind.max_range_m,
@@ -94,11 +93,11 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     """
     asked = {**_set_keys(config.sensors.get("*")), **_set_keys(config.sensors.get(reported.name))}
     asked.pop("topic", None)
+    ranges = asked.pop("ranges", ())
     _check_names(reported.name, asked.get("layer"))
     kind = str(asked.pop("kind", None) or kind_of(reported.name, reported.radiation).name)
     entry = CATALOGUE.get(kind) or kind_of_radiation(reported.radiation)
     base = sensor_defaults(entry)
-    rule = choose(UPDATE_RULES, asked.get("update", base["update"]), "update rule")
     own = {
         "beam_width_deg": math.degrees(reported.beam_width_rad),
         "min_range_m": reported.min_range_m,
@@ -107,21 +106,60 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     reported_values = {k: v for k, v in own.items() if _LEAST <= v <= _MOST}
     if reported_values.get("beam_width_deg", 0.0) > 360.0:
         del reported_values["beam_width_deg"]
-    values = {**parameter_defaults(), **base, **rule.usual(entry), **reported_values, **asked}
+    values = {**base, **reported_values, **asked}
+    if "update" not in asked and not _suits(entry, reported, values, asked):
+        values["update"] = Bayes.name
+    rule = choose(UPDATE_RULES, values["update"], "update rule")
+    values = {**parameter_defaults(), **values, **rule.usual(entry), **asked}
     mount = asked.get("mount", None if mounted else base["mount"])
     values.pop("mount")
     width_deg = values.pop("beam_width_deg")
-    _check(reported.name, choose(SENSOR_MODELS, values["model"], "sensor model"), values)
+    model = choose(SENSOR_MODELS, values["model"], "sensor model")
+    for each in ({}, *ranges):
+        _check(reported.name, model, {**values, **each})
     _check(reported.name, rule, values)
-    return Sensor(
+    sensor = Sensor(
         name=reported.name,
         kind=kind,
         radiation=reported.radiation,
         layer=values.pop("layer", None) or "",
         mount=None if mount is None else SE2(mount[0], mount[1], math.radians(mount[2])),
         beam_width_rad=math.radians(width_deg),
-        own={key: values.pop(key) for key in parameter_keys() if key not in _SENSOR_FIELDS},
+        own={
+            key: _settled(values.pop(key)) for key in parameter_keys() if key not in _SENSOR_FIELDS
+        },
         **values,
+    )
+    return replace(sensor, nearer=tuple(_changed(sensor, each) for each in ranges))
+
+
+def _changed(sensor: Sensor, keys: Mapping[str, Any]) -> Sensor:
+    """The sensor with other values of some keys, its own and those of plugins."""
+    own = {key: _settled(value) for key, value in keys.items() if key not in _SENSOR_FIELDS}
+    of_all = {key: value for key, value in keys.items() if key in _SENSOR_FIELDS}
+    return replace(sensor, own={**sensor.own, **own}, **of_all)
+
+
+def _settled(value: Any) -> Any:
+    return Table(value) if isinstance(value, dict) else value
+
+
+def _suits(
+    kind: SensorKind, reported: ReportedSensor, known: Mapping[str, Any], asked: Mapping[str, Any]
+) -> bool:
+    """Whether the kind's own rule can be that of a sensor as it is configured, without naming one.
+
+    It was chosen with the kind's model and all cells of its beams. Keys by which the rule does not
+    go would be set in vain; who sets them wants them to count. Scans, whatever their name, have no
+    fast way, and light in a wide cone is not what the weights were learned of.
+    """
+    rule, model = UPDATE_RULES[kind.update], SENSOR_MODELS[kind.model]
+    return (
+        known["model"] == kind.model
+        and known["rasteriser"] == _COMMON["rasteriser"]
+        and reported.radiation is not Radiation.LASER
+        and not rule.ignores & asked.keys() & model.Parameters.model_fields.keys()
+        and rule.suits(kind, known["beam_width_deg"])
     )
 
 
@@ -175,8 +213,14 @@ def unused_keys(config: MappingConfig) -> list[str]:
     return [
         f"sensors.{name}.{key}"
         for name, section in config.sensors.items()
-        for key in _set_keys(section) if key in owned and key not in used[name]
+        for key in _keys_in(section) if key in owned and key not in used[name]
     ]  # fmt: skip
+
+
+def _keys_in(section: Section | None) -> dict[str, None]:
+    """The keys that are set in a section of a sensor, those of its nearer ranges among them."""
+    keys = _set_keys(section)
+    return dict.fromkeys([*keys, *(key for each in keys.get("ranges", ()) for key in each)])
 
 
 def unused_note(config: MappingConfig) -> str:
@@ -200,7 +244,8 @@ def _used_keys(asked: Mapping[str, Any]) -> set[str]:
             if key == "model" and known is Configurable.Parameters:
                 return set(parameter_keys())
             used |= set(known.model_fields)
-    return used
+    rule = UPDATE_RULES.get(asked.get("update", ""))
+    return used - rule.ignores if rule is not None else used
 
 
 def _set_keys(section: Section | None) -> dict[str, Any]:

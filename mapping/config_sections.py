@@ -4,9 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import lru_cache
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, SerializeAsAny, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    SerializeAsAny,
+    create_model,
+    model_validator,
+)
 from pydantic.fields import FieldInfo
 
 from mapping.parameters import (
@@ -51,6 +59,13 @@ class PoseSection(Section):
     max_gap_s: Positive = Field(
         0.5, description="readings in a longer gap between two poses are dropped"
     )
+    smooth: bool = Field(
+        False, description="each pose by those before and after it, with odometry where there is"
+    )
+    smooth_m: Positive | None = Field(
+        None, description="how much positions scatter (+-); default: estimated from the poses"
+    )
+    smooth_deg: Positive | None = Field(None, description="so do headings; default: estimated")
     fixed: tuple[Coordinate, Coordinate, Coordinate] | None = Field(
         None, description="x_m, y_m, heading_deg of a robot that stands still: no tracker needed"
     )
@@ -69,6 +84,16 @@ class GridSection(Section):
     max_cells: int = Field(100_000_000, gt=0, le=1 << 40, description="a larger grid is refused")
     max_memory_mb: Annotated[float, Field(ge=1, le=MOST)] = Field(
         1000.0, description="so are maps that would take more memory, all layers together"
+    )
+
+
+class RangeSection(Section):
+    """What is otherwise in the shorter ranges of a sensor; :func:`sensor_section` adds the keys of
+    the models."""
+
+    up_to_m: Positive = Field(description="the longest range that this model is for")
+    range_error: Annotated[float, Field(ge=0, lt=1)] | None = Field(
+        None, description="relative error of such a range, +-"
     )
 
 
@@ -98,8 +123,27 @@ class SensorSection(Section):
     range_bias_m: Coordinate | None = Field(
         None, description="what its ranges are too long besides: it is taken off first (0)"
     )
+    filter: Literal["off", "median", "agree", "predicted"] | None = Field(
+        None,
+        description="single wrong ranges are left out: far from the median of the last ones, not "
+        "in agreement with the ones before, or against what the map so far predicts (off)",
+    )
+    filter_of: Annotated[int, Field(ge=1, le=99)] | None = Field(
+        None,
+        description="how many readings the filter looks at, the newest among them; default: 3 "
+        "(median), 2 (agree); predicted: so many in a row that agree are taken for a change, 3",
+    )
+    filter_within_m: NonNegative | None = Field(
+        None,
+        description="what the filter lets a range differ by, or the sensor's range_error where "
+        "that is more (0.1)",
+    )
     layer: str | None = Field(None, description="map that the readings go into")
     model: str | None = Field(None, description="regions, peak or fading, or one of a plugin")
+    ranges: tuple[RangeSection, ...] | None = Field(
+        None,
+        description="models of shorter ranges: up_to_m, and what is other there (docs/learn.md)",
+    )
     update: str | None = Field(None, description="update rule: bayes, odds, count ...")
     rasteriser: Literal["cells", "arcs", "rays"] | None = Field(
         None, description="every cell at its centre, the chapter's arcs, or a thin line each axis"
@@ -146,12 +190,24 @@ def sensor_section() -> type[Section]:
 def _with_keys_of(
     models: tuple[Configurable, ...], rules: tuple[Configurable, ...]
 ) -> type[Section]:
+    of_range = create_model(
+        "RangeSection", __base__=RangeSection, __module__=__name__, **dict(_own_keys(models))
+    )
     fields: dict[str, Any] = {}
     owners = {"model": models, "update": rules}
     for key, known in SensorSection.model_fields.items():
         fields[key] = (known.annotation, known)
         fields |= dict(_own_keys(owners.get(key, ())))
+    several = Annotated[tuple[of_range, ...], AfterValidator(_ascending)]
+    fields["ranges"] = (several | None, SensorSection.model_fields["ranges"])
     return create_model("SensorSection", __base__=_AllKeys, __module__=__name__, **fields)
+
+
+def _ascending(ranges: tuple[RangeSection, ...]) -> tuple[RangeSection, ...]:
+    ends = [each.up_to_m for each in ranges]
+    if any(later <= end for end, later in pairwise(ends)):
+        raise ValueError("up_to_m must grow from one to the next")
+    return ranges
 
 
 def _own_keys(members: tuple[Configurable, ...]) -> Iterator[tuple[str, Any]]:

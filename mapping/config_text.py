@@ -102,6 +102,21 @@ def _toml(config: MappingConfig, *, choices: bool) -> str:
     return tomlkit.dumps(document)
 
 
+def _item(value: Any) -> Any:
+    """A value of a key, what has keys itself in one line: a table would take the keys after it."""
+    if isinstance(value, BaseModel):
+        value = value.model_dump(exclude_none=True)
+    if isinstance(value, dict):
+        inline = tomlkit.inline_table()
+        inline.update({key: _item(each) for key, each in value.items()})
+        return inline
+    if isinstance(value, tuple) and value and isinstance(value[0], BaseModel):
+        several = tomlkit.array()
+        several.extend(map(_item, value))
+        return several
+    return tomlkit.item(list(value) if isinstance(value, tuple) else value)
+
+
 def _table(section: BaseModel, choices: bool) -> Any:
     table = tomlkit.table()
     for key, field in type(section).model_fields.items():
@@ -112,7 +127,7 @@ def _table(section: BaseModel, choices: bool) -> Any:
         if value is None:
             table.add(tomlkit.comment(f"{key} =    # {description}"))
             continue
-        item = tomlkit.item(list(value) if isinstance(value, tuple) else value)
+        item = _item(value)
         if description and not isinstance(value, dict):
             item.comment(description)
         table.add(key, item)

@@ -8,6 +8,7 @@ centre stands half a cell further. This is the only place where the rule is writ
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 from recorder.errors import BadInput
 
 FloatArray = NDArray[np.float64]
-BYTES_PER_CELL = 30  # of each layer, measured: the rule's array, what is drawn and what is exported
+BYTES_PER_CELL = 30  # of each layer, measured: a rule's array, what is drawn and what is exported
+BYTES_PER_ARRAY = 8  # of each further array of a rule, a cell
 
 
 def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
@@ -131,15 +133,21 @@ def check_size(rows: int, cols: int, *, resolution_m: float, max_cells: int) -> 
         )
 
 
-def check_memory(geometry: GridGeometry, layers: int, max_memory_mb: float) -> None:
-    """Refuse maps of so many layers, and the one fused of them, that would take too much memory."""
-    cells = geometry.rows * geometry.cols
-    needed_mb = cells * (layers + (layers > 1)) * BYTES_PER_CELL / 1e6
+def check_memory(geometry: GridGeometry, arrays: Sequence[int], max_memory_mb: float) -> None:
+    """Refuse maps that would take too much memory, with the one fused of them.
+
+    ``arrays`` states how many arrays the rule of each layer keeps.
+    """
+    cells, layers = geometry.rows * geometry.cols, len(arrays)
+    bytes_per_cell = (layers + (layers > 1)) * BYTES_PER_CELL
+    bytes_per_cell += sum(count - 1 for count in arrays) * BYTES_PER_ARRAY
+    needed_mb = cells * bytes_per_cell / 1e6
     if needed_mb > max_memory_mb:
         raise BadInput(
             f"maps of {geometry.cols} x {geometry.rows} = {cells:,} cells in "
             f"{layers} layer{'s' * (layers > 1)} would take about {needed_mb:,.0f} MB, more than "
             f"grid.max_memory_mb = {max_memory_mb:g}: a larger grid.resolution_m makes fewer cells"
+            + (", sensors.*.update=bayes takes less for each" if max(arrays) > 1 else "")
         )
 
 

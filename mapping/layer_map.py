@@ -18,12 +18,10 @@ from mapping.grid import GridGeometry, Layer, check_memory
 from mapping.parameters import Sensor
 from mapping.readings import Readings
 from mapping.sensor_model import make_temp_grid
-from mapping.update_rules import start
+from mapping.update_rules import UPDATE_RULES, start
 from recorder.columns import Ints
 
 _SLOWLY = ""
-_LOOKED_AT = 100  # readings of a stretch, to see how many cells they cover
-_CELLS_WORTH_A_THREAD = 20_000  # a reading: below, what each thread works out by itself costs more
 
 
 class LayerMap:
@@ -65,7 +63,7 @@ class LayerMap:
             else:
                 self.state.merge_many(
                     lambda target, way=way, some=some: self._adders[way].add(  # type: ignore[misc]
-                        target, readings, some, self._threads_for(readings, some)
+                        target, readings, some, self._threads
                     )
                 )
 
@@ -73,7 +71,7 @@ class LayerMap:
         """Merge one reading that is the layer's, and show how: beam, temp grid, merged grid."""
         beam = readings.beam(row)
         yield beam
-        temp = make_temp_grid(beam, readings.sensors[readings.sensor[row]], self.geometry)
+        temp = make_temp_grid(beam, readings.model(row), self.geometry)
         yield temp
         rows = np.array([row])
         way = self._names[int(self._ways(readings, rows)[0])]
@@ -86,20 +84,6 @@ class LayerMap:
     def layer(self) -> Layer:
         """The whole map as it stands; a copy, read-only."""
         return self.state.layer(self.name)
-
-    def _threads_for(self, readings: Readings, rows: Ints) -> int:
-        """One, where readings cover so few cells that another thread costs more than it brings."""
-        if self._threads == 1 or not len(rows):
-            return 1
-        some = rows[:: -(-len(rows) // _LOOKED_AT)]
-        area_m2 = 0.0
-        for row in some.tolist():
-            axes = slice(readings.begins[row], readings.begins[row + 1])
-            far_m = np.minimum(readings.ranges_m[axes], readings.reach_m[axes])
-            width_rad = readings.sensors[readings.sensor[row]].beam_width_rad
-            area_m2 += 0.5 * width_rad * float(np.square(far_m).sum())
-        cells = area_m2 / len(some) / self.geometry.resolution_m**2
-        return self._threads if cells > _CELLS_WORTH_A_THREAD else 1
 
     def _ways(self, readings: Readings, rows: Ints) -> Ints:
         """The kernel of each of some readings, as an index into the names."""
@@ -115,6 +99,6 @@ def empty_maps(
 
     Raises BadInput where they would take more memory than the configuration allows.
     """
-    layers = dict.fromkeys(sensor.layer for sensor in sensors)
-    check_memory(geometry, len(layers), section.max_memory_mb)
+    layers = {sensor.layer: len(UPDATE_RULES[sensor.update].start) for sensor in sensors}
+    check_memory(geometry, list(layers.values()), section.max_memory_mb)
     return {name: LayerMap(name, sensors, geometry, threads=threads) for name in layers}

@@ -101,7 +101,9 @@ class _LiveRun:
             if self._skipped and not quiet:
                 yield from self._results(final=False)
             self._skipped = quiet
-            yield from merge(stretch, grids.maps, watched=not quiet)
+            yield from merge(
+                stretch, grids.maps, watched=not quiet, rejections=self.placer.rejections
+            )
             grids.trail.take(stretch)
             end = stretch.first_number + len(stretch)
             if every and end % every == 0 and not quiet:
@@ -112,6 +114,7 @@ class _LiveRun:
         if not self._readings:
             why = ", ".join(f"{n} {reason}" for reason, n in self.placer.dropped.items())
             raise BadInput(f"not one reading can be mapped: {why or 'there were none'}")
+        yield from self.placer.rejections.before(sum(self.placer.used.values()))
         raw = list(raw_lines(self._readings, self._config))
         yield from self._results(final=True, raw=raw)
         yield from raw

@@ -100,6 +100,8 @@ class LiveMotion:
             raise BadInput('pose.odom_start = "tracker" needs a finished session, not a live one')
         if any(config.pose.drift_per_min):
             raise BadInput("pose.drift_per_min needs a finished session, not a live one")
+        if config.pose.smooth:
+            raise BadInput("pose.smooth needs a finished session, not a live one: it looks ahead")
         self._config = config
         self._gap_ns = round(config.pose.max_gap_s * NS_PER_S)
         self._tracks = {

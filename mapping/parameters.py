@@ -6,6 +6,7 @@ The keys that a sensor model or update rule has of its own are its ``Parameters`
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -50,6 +51,13 @@ class ParameterSection(Section):
         }  # fmt: skip
 
 
+class Table(dict[str, Any]):
+    """A value that has keys itself; sensors with such a one can still be told apart and counted."""
+
+    def __hash__(self) -> int:  # type: ignore[override]
+        return hash(repr(sorted(self.items())))
+
+
 class Configurable:
     """Base of sensor models and update rules: a name, and the keys that are theirs alone.
 
@@ -67,7 +75,8 @@ class Sensor:
     """A sensor as one session's map sees it, everything settled. Units in the names.
 
     ``own`` holds the keys that models and rules of plugins have of their own, by name; they read
-    as attributes, too.
+    as attributes, too. ``nearer`` are the models of shorter ranges, the shortest first, each for
+    those ``up_to_m``; what is longer than all of them, and no echo, is the sensor's own.
     """
 
     name: str
@@ -100,7 +109,21 @@ class Sensor:
     forget_s: float | None = None  # None: never
     range_scale: float = 1.0
     range_bias_m: float = 0.0
+    filter: str = "off"
+    filter_of: int | None = None  # None: as many as the filter usually looks at
+    filter_within_m: float = 0.1
     own: Mapping[str, Any] = field(default_factory=dict, hash=False)
+    nearer: tuple[Sensor, ...] = ()
+    up_to_m: float = math.inf
+
+    @property
+    def models(self) -> tuple[Sensor, ...]:
+        """All of its models, that of the shortest ranges first; most have one."""
+        return (*self.nearer, self)
+
+    def at(self, range_m: float) -> Sensor:
+        """The sensor as its model for a reading has it (+Inf: no echo)."""
+        return next((each for each in self.nearer if range_m <= each.up_to_m), self)
 
     if not TYPE_CHECKING:  # in our own code a misspelt name stays an error
 

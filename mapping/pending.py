@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.config import Sensor
+from mapping.config import MappingConfig
+from mapping.parameters import Sensor
+from mapping.sensors import with_one_rule_a_layer
 from recorder.columns import Block, Floats, Ints, RangeColumns, ScanColumns
 from recorder.messages import Range, Scan
 
@@ -35,12 +37,13 @@ class SensorTable:
             self.names.append(name)
         return self.number[name]
 
-    def join(self, settled: dict[str, Sensor]) -> None:
+    def join(self, settled: dict[str, Sensor], config: MappingConfig) -> None:
         """Take more; one that comes later joins the layer of its kind where there is one."""
         shared = {sensor.layer for sensor in self.settled.values()}
         for name, sensor in settled.items():
             joins = sensor.layer == name and sensor.kind in shared
             self.settled[name] = replace(sensor, layer=sensor.kind) if joins else sensor
+        self.settled = with_one_rule_a_layer(self.settled, config)
         self._refresh()
 
     def _refresh(self) -> None:
@@ -50,6 +53,7 @@ class SensorTable:
         self.clear_to_m = np.array([s.clear_to_m or np.inf for s in self.sensors])
         self.scale = np.array([sensor.range_scale for sensor in self.sensors])
         self.bias_m = np.array([sensor.range_bias_m for sensor in self.sensors])
+        self.filters = any(sensor.filter != "off" for sensor in self.sensors)
         self.skips = np.array([sensor.no_echo == "skipped" for sensor in self.sensors], np.bool_)
 
     def mended(self, ranges_m: Floats, sensor: Ints) -> Floats:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mapping.artifacts import Artifact, Finished, RawPoints, Segment, Snapshot, Started
 from mapping.borders import find_borders, threshold_layer, tracer_steps
 from mapping.config import MappingConfig
+from mapping.filters import Rejections
 from mapping.framing import frame_of
 from mapping.fusion import FUSED, classify, fuse
 from mapping.grid import GridGeometry, Layer, check_size, geometry_for
@@ -64,13 +65,15 @@ def build_maps(
     maps, trail = empty_maps(sensors, geometry, config.grid, threads=threads), Trail(geometry)
     frame_m = frame_of(placed, walls_m) if watched else None
     yield started_run(sensors, placed.counts, geometry, walls_m, frame_m)
-    every = config.rerun.stages_every
+    every, rejections = config.rerun.stages_every, placed.counts.rejections
     for readings in stretches(placed, every):
-        yield from merge(readings, maps, watched=watched, merged=merged)
+        yield from merge(readings, maps, watched=watched, merged=merged, rejections=rejections)
         trail.take(readings)
         end = readings.first_number + len(readings)
         if every and end % every == 0 and end < total:
             yield from result_stages(sensors, maps, trail, config, final=False)
+    if watched:
+        yield from rejections.before(total)
     raw = list(raw_lines(placed, config))
     yield from result_stages(sensors, maps, trail, config, final=True, raw=raw)
     yield from raw
@@ -103,10 +106,16 @@ def merge(
     *,
     watched: bool,
     merged: Callable[[int], None] | None = None,
+    rejections: Rejections | None = None,
 ) -> Iterator[Artifact]:
-    """Readings into the maps of their layers: one after the other, or all at once."""
+    """Readings into the maps of their layers: one after the other, or all at once.
+
+    Before each that is watched come those that a filter rejected since the one before.
+    """
     if watched:
         for row in range(len(readings)):
+            if rejections is not None:
+                yield from rejections.before(readings.first_number + row)
             yield from maps[readings.sensors[readings.sensor[row]].layer].merge_one(readings, row)
             if merged is not None:
                 merged(readings.first_number + row + 1)

@@ -17,11 +17,13 @@ import numpy as np
 
 from mapping.artifacts import DroppedReadings
 from mapping.config import MappingConfig, Sensor
+from mapping.filters import Rejections
 from mapping.motion_gathering import MotionGatherer, fixed_track
 from mapping.pending import first_readings
 from mapping.placer import Placement, Placer, settled_sensors
 from mapping.readings import Readings
 from mapping.selection import Selection, timed
+from mapping.smoothing import noise_of, smoothed_track
 from mapping.tracks import MotionTrack
 from recorder.clock import NS_PER_S
 from recorder.columns import (
@@ -66,6 +68,7 @@ class Counts:
     first_ns: int
     last_ns: int
     dropped_at: tuple[DroppedReadings, ...] = field(default=(), compare=False)
+    rejections: Rejections = field(default_factory=Rejections, compare=False)
 
 
 class HasBlocks(Protocol):
@@ -159,6 +162,11 @@ class PlacedSession:
             yield self._selection.readings(timed(block, self._given))
 
     @property
+    def by_odometry(self) -> bool:
+        """Whether the poses are dead reckoning, not a tracker's."""
+        return self._selection.sources.by_odometry
+
+    @property
     def topics(self) -> Mapping[str, str]:
         """The topic of each sensor, by its name."""
         return {name: key[0] for key, name in self._selection.sources.names.items()}
@@ -171,8 +179,9 @@ class PlacedSession:
             raise BadInput("; ".join([text, *self._selection.notes]))
         used = dict(placer.used)
         return Counts(
-            placer.readings, used, dropped, times.first_ns, times.last_ns, placer.dropped_at
-        )
+            placer.readings, used, dropped, times.first_ns, times.last_ns, placer.dropped_at,
+            placer.rejections,
+        )  # fmt: skip
 
 
 @dataclass(slots=True)
@@ -230,13 +239,19 @@ class _Knowledge:
         frames = self._motion.frames()
         of_each = first_readings(selection.readings(block_of(first)))
         settled = settled_sensors(of_each, frames, selection.config)
-        return Placement(track, frames, tuple(settled.values())), bad_poses, selection
+        odometry = self._odometry(motion)
+        return Placement(track, frames, tuple(settled.values()), odometry), bad_poses, selection
 
     @property
     def found(self) -> str:
         """What the session holds, in one line."""
         counts = sorted(self._counts.items())
         return ", ".join(f"{count} {name}" for name, count in counts) or "nothing"
+
+    def _odometry(self, chosen: Block) -> MotionTrack | None:
+        """Dead reckoning beside other poses."""
+        kinds = {each.by_odometry for each in chosen.of(PoseColumns) if len(each)}
+        return self._motion.track(by_odometry=True) if len(kinds) == 2 else None
 
     def _count(self, columns: Columns) -> None:
         if isinstance(columns, PoseColumns):
@@ -261,6 +276,8 @@ class _Knowledge:
         track = motion.track(by_odometry=by_odometry)
         if by_odometry and pose.odom_start == "tracker":
             track = laid_on(track, motion.track(by_odometry=False))
+        if pose.smooth:
+            track = smoothed_track(track, noise_of(pose), self._odometry(chosen))
         return track, {"pose not finite or too far": bad} if bad else {}
 
 

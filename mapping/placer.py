@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import DroppedReadings
 from mapping.config import MappingConfig, Sensor
+from mapping.filters import FILTERS, Neighbours, PredictionFilter, Rejections, Verdicts
 from mapping.motion_gathering import LiveMotion
 from mapping.pending import LEAST_M, Pending, SensorTable, first_readings
 from mapping.readings import Readings
@@ -33,19 +34,26 @@ _STEPPED_BACK = "clock stepped back (reading kept)"
 REASONS = (
     "", "not a number", "too close", "zero or negative", "below the sensor's minimum",
     "saw nothing (skipped)", "no usable beam", "no pose at that time", "no head angle at that time",
+    *(each.reason for each in FILTERS.values()),
 )  # fmt: skip
 _NOT_A_NUMBER, _TOO_CLOSE, _NEGATIVE, _BELOW, _SKIPPED, _NO_BEAM, _NO_POSE, _NO_ANGLE = range(1, 9)
 
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """What must be known to place a reading: poses and frames over time, and the sensors."""
+    """What must be known to place a reading: poses and frames over time, and the sensors.
+
+    ``odometry`` is dead reckoning beside a tracker's poses, where there is; who only looks whether
+    smoothing would help needs it.
+    """
 
     track: MotionTrack
     frames: Frames
     sensors: tuple[Sensor, ...]
+    odometry: MotionTrack | None = None
 
 
+_FILTER_CODES = {name: REASONS.index(each.reason) for name, each in FILTERS.items()}
 FARTHEST_TURN_RAD = 100.0  # no beam of a scan points so far around: its angle is no number
 
 
@@ -68,6 +76,8 @@ class Placer:
         self._last_ns: int | None = None
         self._clock_steps = 0
         self._scan_reach = ScanReach()
+        self._neighbours, self._prediction = Neighbours(), PredictionFilter(config.grid)
+        self.rejections = Rejections()
 
     @property
     def sensors(self) -> dict[str, Sensor]:
@@ -120,7 +130,7 @@ class Placer:
         assert self._live is not None
         frames, track = self._live.frames, self._live.track
         if self._first:
-            self._table.join(settled_sensors(self._first, frames, self._config))
+            self._table.join(settled_sensors(self._first, frames, self._config), self._config)
             self._first = {}
         ripe = len(self._waiting) if ended else self._live.ripe(self._waiting.t_ns, track)
         released, self._waiting = self._waiting[:ripe], self._waiting[ripe:]
@@ -137,13 +147,12 @@ class Placer:
             return Readings.none(table.sensors, self._placed)
         self._count_clock_steps(pending.t_ns)
         why, ranges_m, usable = _checked(pending, table)
+        verdicts = self._held_against_neighbours(pending, ranges_m, why)
         pose, there = track.at(pending.t_ns)
         why[(why == 0) & ~there] = _NO_POSE
         base, sensor_pose, there = _world_from_sensor(pending, table, pose, frames, self._config)
         why[(why == 0) & ~there] = _NO_ANGLE
         kept = why == 0
-        self._count(why, pending, table)
-        first, self._placed = self._placed, self._placed + int(kept.sum())
         if not kept.all():
             base, sensor_pose = base[kept], sensor_pose[kept]
             usable &= pending.axes_of(kept)
@@ -154,10 +163,38 @@ class Placer:
             begins = np.concatenate([[0], np.cumsum(counts)])
             ranges_m = ranges_m[usable]
         readings = Readings(
-            table.sensors, first, pending.t_ns[kept], pending.sensor[kept], base, sensor_pose,
-            begins, pending.bearings_rad()[usable], ranges_m, ranges_m,
+            table.sensors, self._placed, pending.t_ns[kept], pending.sensor[kept], base,
+            sensor_pose, begins, pending.bearings_rad()[usable], ranges_m, ranges_m,
         )  # fmt: skip
-        return replace(readings, reach_m=self._reach_m(readings, pending.is_scan[kept]))
+        readings = replace(readings, reach_m=self._reach_m(readings, pending.is_scan[kept]))
+        if table.filters:
+            readings, why[kept] = self._filtered(readings, verdicts.of(kept))
+        self._count(why, pending, table)
+        self._placed += len(readings)
+        return readings
+
+    def _held_against_neighbours(
+        self, pending: Pending, ranges_m: Floats, why: NDArray[np.int8]
+    ) -> Verdicts:
+        """What the filters say that need no map: of rangers, whether or not there is a pose."""
+        if not self._table.filters:
+            return Verdicts.none(len(pending))
+        measured = ~pending.is_scan & ((why == 0) | (why == _SKIPPED))
+        first_m = np.append(ranges_m, np.nan)[pending.begins[:-1]]
+        return self._neighbours.take(first_m, pending.sensor, measured, self._table.sensors)
+
+    def _filtered(
+        self, readings: Readings, verdicts: Verdicts
+    ) -> tuple[Readings, NDArray[np.int8]]:
+        """Placed readings (N,) without those that a filter rejects, and why each is dropped."""
+        by_map = self._prediction.take(readings, ~verdicts.rejected)
+        verdicts = verdicts.joined(by_map)
+        codes = np.array([_FILTER_CODES.get(s.filter, 0) for s in readings.sensors], np.int8)
+        why = np.where(verdicts.rejected, codes[readings.sensor], np.int8(0))
+        if not verdicts.rejected.any():
+            return readings, why
+        self.rejections.take(readings, verdicts)
+        return readings.chosen(~verdicts.rejected), why
 
     def _reach_m(self, readings: Readings, is_scan: NDArray[np.bool_]) -> Floats:
         """How far each axis sees, and so clears where it saw nothing, (K,)."""

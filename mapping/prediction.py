@@ -71,21 +71,7 @@ class RangePredictor:
         geometry = self._geometry
         if geometry is None or beam.layer not in self._occupied:
             return np.full(len(beam.ranges_m), np.inf)
-        from mapping.kernels.loops import nearest_in_cone, nearest_on_rays
-
-        occupied, resolution = self._occupied[beam.layer], geometry.resolution_m
-        x = (beam.world_from_sensor.x_m - geometry.origin_m[0]) / resolution
-        y = (beam.world_from_sensor.y_m - geometry.origin_m[1]) / resolution
-        beyond = abs(x) + abs(y) + geometry.rows + geometry.cols  # no cell is further away
-        reach = min(float(np.max(beam.reach_m)) / resolution, beyond)
-        if len(beam.ranges_m) == 1:
-            half = beam.beam_width_rad / 2.0
-            heading = float(beam.headings_rad[0])
-            cells = np.array([nearest_in_cone(occupied, x, y, heading, half, reach)])
-        else:
-            cells = nearest_on_rays(occupied, x, y, beam.headings_rad, reach)
-        metres: NDArray[np.float64] = cells * resolution
-        return metres
+        return nearest_in_beam_m(beam, self._occupied[beam.layer], geometry)
 
     def contradiction(self, beam: Beam) -> Contradiction | None:
         """Whether a beam's own layer, as it is now, contradicts it; None where it does not.
@@ -97,7 +83,8 @@ class RangePredictor:
             return None
         far_m, saw = beam.far_m, beam.saw_something
         gap_m = np.maximum(_LEAST_GAP_M, _LEAST_GAP_SHARE * far_m)
-        nearest_m, on_axis_m = self.ranges_m(beam), self._on_axes_m(beam)
+        nearest_m = self.ranges_m(beam)
+        on_axis_m = nearest_on_axes_m(beam, self._occupied[beam.layer], self._geometry)
         short = saw & (nearest_m > far_m + gap_m)
         through = ~short & (on_axis_m < far_m - gap_m)
         share = float((short | through).mean())
@@ -109,19 +96,47 @@ class RangePredictor:
             kind, float(np.median(far_m[those])), float(np.median(expected_m[those])), share
         )
 
-    def _on_axes_m(self, beam: Beam) -> NDArray[np.float64]:
-        """How far each axis gets before it meets an occupied cell, (N,); +Inf: to its end."""
-        from mapping.kernels.loops import nearest_on_rays
-
-        assert self._geometry is not None
-        (x0, y0), resolution = self._geometry.origin_m, self._geometry.resolution_m
-        start, reach = beam.world_from_sensor, float(beam.far_m.max(initial=0.0)) / resolution
-        x, y = (start.x_m - x0) / resolution, (start.y_m - y0) / resolution
-        cells = nearest_on_rays(self._occupied[beam.layer], x, y, beam.headings_rad, reach)
-        metres: NDArray[np.float64] = cells * resolution
-        return metres
-
     def _layer(self, name: str, geometry: GridGeometry) -> NDArray[np.bool_]:
         if name not in self._occupied:
             self._occupied[name] = np.zeros(geometry.shape, np.bool_)
         return self._occupied[name]
+
+
+def nearest_in_beam_m(
+    beam: Beam, occupied: NDArray[np.bool_], geometry: GridGeometry
+) -> NDArray[np.float64]:
+    """How far each axis of a beam gets before it meets an occupied cell (rows, cols), (N,).
+
+    Of a ranger the nearest cell of its whole cone counts; metres, +Inf: nothing is met.
+    """
+    from mapping.kernels.loops import nearest_in_cone, nearest_on_rays
+
+    x, y = _in_cells(beam, geometry)
+    beyond = abs(x) + abs(y) + geometry.rows + geometry.cols  # no cell is further away
+    reach = min(float(np.max(beam.reach_m)) / geometry.resolution_m, beyond)
+    if len(beam.ranges_m) == 1:
+        half = beam.beam_width_rad / 2.0
+        heading = float(beam.headings_rad[0])
+        cells = np.array([nearest_in_cone(occupied, x, y, heading, half, reach)])
+    else:
+        cells = nearest_on_rays(occupied, x, y, beam.headings_rad, reach)
+    metres: NDArray[np.float64] = cells * geometry.resolution_m
+    return metres
+
+
+def nearest_on_axes_m(
+    beam: Beam, occupied: NDArray[np.bool_], geometry: GridGeometry
+) -> NDArray[np.float64]:
+    """The same along the axes alone, no farther than each of them got."""
+    from mapping.kernels.loops import nearest_on_rays
+
+    x, y = _in_cells(beam, geometry)
+    reach = float(beam.far_m.max(initial=0.0)) / geometry.resolution_m
+    cells = nearest_on_rays(occupied, x, y, beam.headings_rad, reach)
+    metres: NDArray[np.float64] = cells * geometry.resolution_m
+    return metres
+
+
+def _in_cells(beam: Beam, geometry: GridGeometry) -> tuple[float, float]:
+    (x0, y0), start = geometry.origin_m, beam.world_from_sensor
+    return (start.x_m - x0) / geometry.resolution_m, (start.y_m - y0) / geometry.resolution_m

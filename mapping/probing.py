@@ -32,7 +32,8 @@ class Touch:
     (+Inf: it saw nothing), ``distance_m`` from the sensor to the cell's centre. ``evidence``,
     ``before`` and ``after`` are probabilities of being occupied; NaN for a reading that ended
     before the cell, when no other had yet reached it. ``moved_by`` are the sums that
-    changed there, of a rule of several, and by how much log-odds each.
+    changed there, of a rule of several, and by how much log-odds each. ``model`` names which of
+    several models of its sensor, by range, the reading is judged by.
     """
 
     reading: int
@@ -46,6 +47,7 @@ class Touch:
     before: float
     after: float
     moved_by: tuple[tuple[str, float], ...] = ()
+    model: str = ""
 
     @property
     def effect(self) -> float:
@@ -128,6 +130,7 @@ class CellProbe:
                 range_m=float(beam.ranges_m[axis]), distance_m=distance, zone=zone or BESIDE,
                 evidence=evidence, before=before, after=after,
                 moved_by=merged.sums.changes(*inside) if inside and merged.sums else (),
+                model=beam.model,
             )
         )  # fmt: skip
 

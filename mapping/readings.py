@@ -98,6 +98,11 @@ class Readings:
             self.bearings_rad[axes], self.ranges_m[axes], self.reach_m[axes],
         )  # fmt: skip
 
+    def model(self, row: int) -> Sensor:
+        """The sensor of one row, as its model for that range has it."""
+        sensor: Sensor = self.sensors[self.sensor[row]]
+        return sensor.at(float(self.ranges_m[self.begins[row]])) if sensor.nearer else sensor
+
     def beam(self, row: int) -> Beam:
         """The beam of one row; its arrays are views."""
         sensor = self.sensors[self.sensor[row]]
@@ -110,6 +115,7 @@ class Readings:
             world_from_sensor=self.world_from_sensor.one(row), bearings_rad=bearings_rad,
             ranges_m=ranges_m, beam_width_rad=sensor.beam_width_rad,
             reach_m=reach_of_axes(self.reach_m[axes]), mark_to_m=sensor.mark_to_m or math.inf,
+            model=_named(sensor, self.model(row)),
         )  # fmt: skip
 
     def beams(self) -> Iterator[Beam]:
@@ -218,6 +224,15 @@ def chosen_stretches(place: Ints, total: int) -> NDArray[np.bool_]:
     kept, stretches, at = MOST_RAW // STRETCH, -(-total // STRETCH), place // STRETCH
     chosen: NDArray[np.bool_] = at * kept // stretches != (at + 1) * kept // stretches
     return chosen
+
+
+def _named(sensor: Sensor, model: Sensor) -> str:
+    """Which model of a sensor it is; "" where there is one alone."""
+    if not sensor.nearer:
+        return ""
+    if model.up_to_m < math.inf:
+        return f"up to {model.up_to_m:g} m"
+    return f"beyond {sensor.nearer[-1].up_to_m:g} m"
 
 
 def _crosses(low_rad: Floats, high_rad: Floats, direction_rad: float) -> NDArray[np.bool_]:

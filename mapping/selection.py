@@ -108,7 +108,15 @@ class Selection:
         ]  # fmt: skip
         if self.sources.pose == TF:
             poses.append(self._poses_by_tf())
-        return Block((*without_drift(poses, self.config.pose.drift_per_min), *self._below_base()))
+        corrected: list[Columns] = [*without_drift(poses, self.config.pose.drift_per_min)]
+        if self.sources.pose and not self.sources.by_odometry:
+            corrected += self._odometry_beside()
+        return Block((*corrected, *self._below_base()))
+
+    def _odometry_beside(self) -> Sequence[Columns]:
+        """Dead reckoning that can smooth the poses, by its own clock; of several robots none."""
+        found = [each.columns for each in self._survey.poses.values() if each.by_odometry]
+        return found[0] if len(found) == 1 else ()
 
     def readings(self, block: Block) -> Block:
         """The readings of a block that are used, by their sensors' names."""

@@ -10,7 +10,7 @@ from recorder.columns import block_of
 from recorder.errors import BadInput
 from recorder.messages import Record
 from recorder.session import SessionReader
-from recorder.session.parts import PART, parts_beside
+from recorder.session.part_names import PART, parts_beside
 from recorder.session.stats import Readings, SessionStats, Times, Track
 from recorder.sources import TF, Asked, Survey, choose
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from mapping.artifacts import Artifact, Border, Finished, RawPoints, Segment, Snapshot, Started
+from mapping.parameters import Sensor
 
 
 class Collector:
@@ -10,7 +11,7 @@ class Collector:
 
     Stages may be shown again and again meanwhile: the borders and lines of an earlier map are no
     results. ``snapshots`` are the final maps by layer, ``beam_widths_rad`` those of their readings;
-    ``finished`` is None until the run has ended.
+    ``sensors`` are all of the run, settled; ``finished`` is None until it has ended.
     """
 
     def __init__(self) -> None:
@@ -20,12 +21,14 @@ class Collector:
         self.segments: list[Segment] = []
         self.finished: Finished | None = None
         self.beam_widths_rad: dict[str, float] = {}
+        self.sensors: tuple[Sensor, ...] = ()
 
     def __call__(self, artifact: Artifact) -> None:
         """Keep what belongs to the results."""
         match artifact:
             case Started():
                 self.beam_widths_rad = dict(artifact.beam_widths_rad)
+                self.sensors = artifact.sensors
             case Snapshot():
                 self._begin_layer(artifact)
             case Border():

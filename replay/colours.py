@@ -26,6 +26,7 @@ ABOVE_THRESHOLD: Colour = (255, 205, 0)
 BORDER: Colour = (0, 205, 200)
 LINE: Colour = (230, 0, 160)  # fitted to a grid: the walls that were found
 ROBOT: Colour = (0, 140, 125)
+REJECTED: Colour = (230, 110, 150)  # left out, as the dropped ones in the plot of ranges
 CONTRADICTION: Colour = (220, 30, 30)
 FUSED: Colour = (130, 130, 130)
 

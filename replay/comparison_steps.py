@@ -18,6 +18,7 @@ from mapping.artifacts import (
     Finished,
     MergedGrid,
     RawPoints,
+    RejectedReading,
     Segment,
     Snapshot,
     Started,
@@ -58,9 +59,10 @@ class SessionOrder:
             match artifact:
                 case Started():
                     layers = {name: number for number, name in enumerate(artifact.layers)}
-                case Beam():
+                case Beam() | RejectedReading():
                     # one that another run chose otherwise stands where the one before it does
-                    name = _nth(artifact.sensor, artifact.t_ns, seen)
+                    beam = artifact if isinstance(artifact, Beam) else artifact.beam
+                    name = _nth(beam.sensor, beam.t_ns, seen)
                     reading = float(self._number.get(name, max(reading, 0.0)))
                     place = (reading, 0.0)
                 case TempGrid():

@@ -34,7 +34,6 @@ from recorder.outputs import written_beside
 from recorder.versions import own_version
 from replay.collector import Collector
 from replay.json_values import json_value
-from replay.pictures.layer_picture import layer_picture
 from replay.pictures.map_svg import map_svg
 from replay.pictures.parts import Floats
 from replay.trajectory import tum_lines
@@ -114,6 +113,8 @@ class Exporter:
             svg = map_svg(on_grid, borders, layer=layer, path_m=path_m)
             yield f"{name}.svg", svg.encode()
             if self._section.pictures:
+                from replay.pictures.layer_picture import layer_picture
+
                 picture = layer_picture(layer, snapshot.rule, on_grid, path_m)
                 yield f"{name}.picture.png", picture
         yield "summary.json", self._summary().encode()
@@ -140,6 +141,10 @@ class Exporter:
             "used": dict(done.used) if done else {},
             "dropped": dict(done.dropped) if done else {},
             "layers": layers,
+            "sensors": {
+                s.name: {"kind": s.kind, "layer": s.layer, "model": s.model, "update": s.update}
+                for s in self._results.sensors
+            },
             "versions": versions(),
             "config": json_value(self._config),
             "config_toml": self._config_text,

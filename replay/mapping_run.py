@@ -21,11 +21,10 @@ from recorder.outputs import check_output
 from recorder.session.columns import open_session
 from recorder.truth import true_walls
 from replay.collector import Collector
-from replay.exports import exporter_for
-from replay.occupancy_bag import write_bag
 from replay.trajectory import TrackPoses
 
 if TYPE_CHECKING:
+    from replay.exports import Exporter
     from replay.rrd.writer import RrdWriter
 
 Step = TypeVar("Step")
@@ -89,7 +88,7 @@ def map_session(
         probe(first)  # nor does a cell outside the grid
     collector = Collector()
     takers: list[Taker] = [*followed, collector]  # before the writer, which draws their cells
-    exporter = None if export is None else exporter_for(export, config, force=force)
+    exporter = None if export is None else _exporter(export, config, force=force)
     if exporter is not None:
         takers.append(exporter)
     with ExitStack() as stack:
@@ -106,6 +105,8 @@ def map_session(
     if exporter is not None:
         exporter.close(poses, placed)
     if bag is not None:
+        from replay.occupancy_bag import write_bag
+
         layers = [snapshot.layer for snapshot in collector.snapshots.values()]
         write_bag(bag, layers, poses, force=force)
     left_out = "" if writer is None else writer.left_out
@@ -143,6 +144,12 @@ def _every_now_and_then(
             progress(merged, total)
 
     return count
+
+
+def _exporter(directory: Path, config: MappingConfig, *, force: bool) -> Exporter:
+    from replay.exports import exporter_for
+
+    return exporter_for(directory, config, force=force)
 
 
 def _writer(

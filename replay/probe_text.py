@@ -11,7 +11,7 @@ from replay.tables import markdown_table, text_table
 
 STRONGEST = 8  # readings in a table
 _HEAD = ("reading", "sensor", "range", "zone", "before", "after", "effect")
-_TEXTS, _NUMBERS = (1, 3, 7), (0, 2, 4, 5, 6)  # columns
+_TEXTS, _NUMBERS = (1, 3, 7, 8), (0, 2, 4, 5, 6)  # columns
 _SUMS = 3  # that a reading moved most, of a rule of several
 
 _PLACES = {
@@ -46,8 +46,9 @@ def name_of(probe: CellProbe) -> str:
 
 def touch_text(touch: Touch) -> str:
     """One reading and its effect in one sentence."""
+    model = f" (its model {touch.model})" if touch.model else ""
     head = (
-        f"reading {touch.reading}, {touch.sensor} measured {_range(touch)}: the cell, "
+        f"reading {touch.reading}, {touch.sensor} measured {_range(touch)}{model}: the cell, "
         f"{touch.distance_m:.3f} m away, lies {_PLACES[touch.zone]}"
     )
     if touch.zone == BEHIND:
@@ -126,12 +127,14 @@ def _range(touch: Touch) -> str:
 
 def _rows(touches: list[Touch]) -> list[tuple[str, ...]]:
     by_sums = any(touch.moved_by for touch in touches)
+    by_range = any(touch.model for touch in touches)
     rows = [
         (
             str(touch.reading), touch.sensor, _range(touch), touch.zone, percent(touch.before),
             percent(touch.after), f"{100 * touch.effect:+.1f}",
-            *([moved_by(touch.moved_by)] * by_sums),
+            *([moved_by(touch.moved_by)] * by_sums), *([touch.model] * by_range),
         )
         for touch in touches
     ]  # fmt: skip
-    return [(*_HEAD, *(["by, in log-odds"] * by_sums)), *rows]
+    titles = [*(["by, in log-odds"] * by_sums), *(["model"] * by_range)]
+    return [(*_HEAD, *titles), *rows]

@@ -10,6 +10,8 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
+import numpy as np
+
 from mapping.artifacts import Border, Segment
 
 _DXF_COLOURS = (5, 1, 3, 6, 30, 7)
@@ -48,7 +50,12 @@ def segments_geojson(segments: Sequence[Segment]) -> str:
 
 
 def _outline(border: Border) -> list[tuple[float, float]]:
-    return [(float(x), float(y)) for x, y in border.geometry.centres_of(border.cells)]
+    """The corners of a border; the cells of a straight run between two of them add nothing."""
+    cells = border.cells
+    ahead = np.roll(cells, -1, axis=0) - cells
+    turns = (ahead != np.roll(ahead, 1, axis=0)).any(axis=1)
+    corners = cells[turns] if turns.any() else cells
+    return [(x, y) for x, y in border.geometry.centres_of(corners).tolist()]
 
 
 def vector_dxf(segments: Sequence[Segment], borders: Sequence[Border] = ()) -> str:

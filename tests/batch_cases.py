@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from hypothesis import strategies as st
@@ -60,6 +61,11 @@ def one(readings, i):
 def blank(grid):
     """An empty map: steps and the observed mask."""
     return steps.blank(grid.rows, grid.cols), np.zeros(grid.shape, np.bool_)
+
+
+def bands(grid, count):
+    """The rows of a grid in so many bands: the first of each, and the one after its last."""
+    return pairwise([k * grid.rows // count for k in range(count + 1)])
 
 
 def place(grid):

@@ -31,6 +31,9 @@ _SKIPPED = {
     ("TempGrid", "beam"), ("TempGrid", "geometry"), ("MergedGrid", "beam"),
     ("MergedGrid", "geometry"), ("Border", "geometry"), ("Thresholded", "geometry"),
     ("Started", "beam_widths_rad"),
+    ("Sums", "rule"),
+    # Of sensors with several models, which have tests of their own.
+    ("Beam", "model"), ("Sensor", "nearer"), ("Sensor", "up_to_m"),
 }  # fmt: skip
 
 Fingerprint = tuple[int, float, float]

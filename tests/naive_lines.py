@@ -98,3 +98,35 @@ def naive_thinning(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
                 cells[r, c] = 0
         if (cells == before).all():
             return cells[1:-1, 1:-1].astype(bool)
+
+
+def walls(lines, cosine, across_m, gap_m):
+    """The wall of each line (points, start, end, along), all points of a wall looked at anew."""
+    found, numbers = [], []  # of a wall: its points, its direction, its two ends
+    for points, start, end, along in lines:
+        best = None
+        for k, (of_wall, direction, ends) in enumerate(found):
+            middle = np.concatenate(of_wall).mean(axis=0)
+            normal = np.array([-direction[1], direction[0]])
+            off = max(abs((place - middle) @ normal) for place in (start, end))
+            t, own = (
+                [float((p - middle) @ direction) for p in two] for two in ((start, end), ends)
+            )
+            gap = max(min(t) - max(own), min(own) - max(t))
+            fits = direction @ along > cosine and off <= across_m and gap <= gap_m
+            if fits and (best is None or off < best[0]):
+                best = off, k
+        if best is None:
+            numbers.append(len(found))
+            found.append([[points], along, (start, end)])
+            continue
+        numbers.append(best[1])
+        wall = found[best[1]]
+        wall[0].append(points)
+        every = np.concatenate(wall[0])
+        _, _, (direction, _) = np.linalg.svd(every - every.mean(axis=0), full_matrices=False)
+        old_ends = wall[2]
+        wall[1] = direction if direction @ wall[1] >= 0.0 else -direction
+        t = [float((p - every.mean(axis=0)) @ wall[1]) for p in (*old_ends, start, end)]
+        wall[2] = tuple(every.mean(axis=0) + at * wall[1] for at in (min(t), max(t)))
+    return numbers

@@ -88,10 +88,8 @@ def test_counts_are_those_of_one_reading_after_the_other(rule, what, parts):
     beams, which, readings = random_readings(1)
     expected, seen = one_by_one(rule, beams, which)
     values, observed = np.zeros(GRID.shape), np.zeros(GRID.shape, np.bool_)
-    for part in range(parts):
-        counts.add_bands(
-            values, observed, cases.place(GRID), readings, band_table(), what, part, parts
-        )
+    for band in cases.bands(GRID, parts):
+        counts.add_bands(values, observed, cases.place(GRID), readings, band_table(), what, *band)
     (expected,) = expected.values()
     assert expected.any()
     np.testing.assert_array_equal(values, expected)
@@ -108,7 +106,7 @@ def test_sums_and_masses_are_those_of_one_reading_after_the_other(rule, parts):
     if not is_sum:
         cells[2] = 1.0
     observed = np.zeros(GRID.shape, np.bool_)
-    for part in range(parts):
+    for band in cases.bands(GRID, parts):
         cellwise.add_cellwise(
             cells,
             observed,
@@ -116,8 +114,7 @@ def test_sums_and_masses_are_those_of_one_reading_after_the_other(rule, parts):
             readings,
             *cell_tables(),
             SUM if is_sum else MASSES,
-            part,
-            parts,
+            *band,
         )
     for got, array in zip(cells, expected.values(), strict=True):
         np.testing.assert_allclose(got, array, rtol=0, atol=1e-12)
@@ -138,7 +135,7 @@ def test_a_sum_of_regions_is_the_same_to_the_bit():
         *cell_tables(),
         SUM,
         0,
-        1,
+        GRID.rows,
     )
     np.testing.assert_array_equal(cells[0], expected["sum"])
 
@@ -149,7 +146,7 @@ def test_himm_is_that_of_one_reading_after_the_other(seed):
     expected, seen = one_by_one("himm", beams, which)
     values, observed = np.zeros(GRID.shape), np.zeros(GRID.shape, np.bool_)
     place = cases.place(GRID)
-    counts.add_bands(values, observed, place, readings, band_table(), NOTHING, 0, 1)
+    counts.add_bands(values, observed, place, readings, band_table(), NOTHING, 0, GRID.rows)
     widths = np.array([s.beam_width_rad / 2 for s in SEVERAL])
     axis.add_axes(values, observed, place, readings, widths, 3.0, 1.0, 15.0)
     np.testing.assert_array_equal(values, expected["certainty"])

@@ -27,10 +27,8 @@ def table_of(sensors):
 
 def map_of(readings, sensors, grid=GRID, parts=1):
     cells, observed = cases.blank(grid)
-    for part in range(parts):
-        fading.add_fading(
-            cells, observed, cases.place(grid), readings, table_of(sensors), part, parts
-        )
+    for band in cases.bands(grid, parts):
+        fading.add_fading(cells, observed, cases.place(grid), readings, table_of(sensors), *band)
     assert not cells[:, grid.cols :].any()
     return cells[:, : grid.cols], observed
 
@@ -102,7 +100,7 @@ SEVERAL = [
 
 
 @pytest.mark.parametrize("parts", [2, 3, 7])
-def test_parts_by_rows_give_the_same_bytes(parts):
+def test_bands_of_rows_give_the_same_bytes(parts):
     _, readings = random_readings(np.random.default_rng(2), 300, SEVERAL)
     whole, seen = map_of(readings, SEVERAL)
     in_parts, seen_in_parts = map_of(readings, SEVERAL, parts=parts)
@@ -128,7 +126,7 @@ def test_one_reading_at_a_time_on_a_blank_window_gives_the_same_bytes():
             cases.one(readings, i),
             table_of(SEVERAL),
             0,
-            1,
+            window.rows,
         )
         merging.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= seen_here

@@ -39,13 +39,7 @@ def map_of(beams, sensor, grid=GRID, parts=1):
     return cells[:, : grid.cols], observed
 
 
-@settings(max_examples=150, deadline=None)
-@given(st.sampled_from(["empties", "skipped"]).flatmap(
-    lambda no_echo: scans(replace(LASER, no_echo=no_echo)).map(lambda beam: (beam, no_echo))
-))  # fmt: skip
-def test_each_cell_once_and_hits_win(found) -> None:
-    beam, no_echo = found
-    sensor = replace(LASER, no_echo=no_echo)
+def assert_footprint(beam, sensor) -> None:
     temp = make_temp_grid(beam, sensor, GRID)
     cells, observed = map_of([beam], sensor)
     free, band = np.zeros(GRID.shape, bool), np.zeros(GRID.shape, bool)
@@ -53,6 +47,43 @@ def test_each_cell_once_and_hits_win(found) -> None:
     np.testing.assert_array_equal(cells == 2 * steps.ONE, band)
     np.testing.assert_array_equal(cells == -steps.ONE, free)
     np.testing.assert_array_equal(observed, free | band)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.sampled_from(["empties", "skipped"]).flatmap(
+    lambda no_echo: scans(replace(LASER, no_echo=no_echo)).map(lambda beam: (beam, no_echo))
+))  # fmt: skip
+def test_each_cell_once_and_hits_win(found) -> None:
+    beam, no_echo = found
+    assert_footprint(beam, replace(LASER, no_echo=no_echo))
+
+
+@pytest.mark.parametrize("quarter", range(4))
+def test_rays_along_the_borders_of_the_grid_leave_no_cell_behind_them(quarter: int) -> None:
+    (x0, y0), size = GRID.origin_m, GRID.resolution_m
+    for x in (x0, x0 + GRID.cols * size):
+        for y in (y0, y0 + GRID.rows * size):
+            beam = scan_of(x, y, quarter * math.pi / 2, [-1e-9, 0.0, 1e-9], [0.5] * 3, LASER)
+            assert_footprint(beam, LASER)
+
+
+def test_losses_that_wait_end_at_the_clamp_as_those_that_do_not() -> None:
+    sensor = replace(LASER, miss=0.3, hit=1.1)
+    rng, bearings = np.random.default_rng(6), np.linspace(-1.0, 1.0, 24)
+    beams = [
+        scan_of(*rng.uniform(0.4, 0.6, 2), rng.uniform(-0.2, 0.2), bearings,
+                rng.uniform(0.05, 0.8, 24), LASER)
+        for _ in range(600)
+    ]  # fmt: skip
+    whole, observed = map_of(beams, sensor)
+    cells, seen = cases.blank(GRID)
+    for beam in beams:
+        said, here = map_of([beam], sensor)
+        merging.add_steps(cells[:, : GRID.cols], np.ascontiguousarray(said))
+        seen |= here
+    assert (whole == steps.LOWEST).any()
+    np.testing.assert_array_equal(cells[:, : GRID.cols], whole)
+    np.testing.assert_array_equal(seen, observed)
 
 
 @settings(max_examples=40, deadline=None)

@@ -36,9 +36,9 @@ def tables_for(sensors):
 
 def map_of(readings, sensors, grid=GRID, parts=1):
     cells, observed = cases.blank(grid)
-    for part in range(parts):
+    for band in cases.bands(grid, parts):
         regions.add_regions(
-            cells, observed, cases.place(grid), readings, *tables_for(sensors), part, parts
+            cells, observed, cases.place(grid), readings, *tables_for(sensors), *band
         )
     assert not cells[:, grid.cols :].any()
     return cells[:, : grid.cols], observed
@@ -98,7 +98,7 @@ def random_readings(draw, count):
 
 
 @pytest.mark.parametrize("parts", [2, 5])
-def test_parts_by_rows_give_the_same_bytes(parts):
+def test_bands_of_rows_give_the_same_bytes(parts):
     _, readings = random_readings(np.random.default_rng(2), 200)
     whole, seen = map_of(readings, SEVERAL)
     in_parts, seen_in_parts = map_of(readings, SEVERAL, parts=parts)
@@ -122,7 +122,7 @@ def test_one_reading_at_a_time_on_a_blank_window_gives_the_same_bytes():
             cases.one(readings, i),
             *tables_for(SEVERAL),
             0,
-            1,
+            window.rows,
         )
         merging.add_steps(cells[window.slices], said[:, : window.cols])
         observed[window.slices] |= here

@@ -12,12 +12,9 @@ import pytest
 from mapping.artifacts import Artifact, Finished, MergedGrid, Snapshot, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config import MappingConfig, load_config
-from mapping.grid import GridGeometry
-from mapping.layer_map import LayerMap
 from mapping.live_pipeline import build_live_maps
 from mapping.pipeline import build_maps, stretches
 from mapping.placed_session import place_session
-from mapping.readings import Readings
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Scan
 from recorder.session import read_session
@@ -61,21 +58,8 @@ def bytes_of(artifacts: Iterable[Artifact]) -> dict[str, tuple[bytes, ...]]:
 @pytest.fixture(autouse=True)
 def _threads_however_few_cells(monkeypatch: pytest.MonkeyPatch) -> None:
     """Coarse maps are quick; what two threads make of them is tried all the same."""
-    monkeypatch.setattr("mapping.layer_map._CELLS_WORTH_A_THREAD", 0)
-
-
-@pytest.mark.parametrize(("resolution_m", "threads"), [(0.003, 2), (0.04, 1)])
-def test_a_thread_is_taken_where_it_has_cells_to_do(
-    resolution_m: float, threads: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("mapping.layer_map._CELLS_WORTH_A_THREAD", 20_000)
-    placed = place_session(open_session(LOGS / "room.mcap"), MappingConfig())
-    readings = Readings.joined(list(placed))
-    geometry = GridGeometry((0.0, 0.0), resolution_m, 10, 10)
-    sonar = LayerMap("ping", placed.placement.sensors, geometry, threads=2)
-    rows = np.flatnonzero(readings.sensor == [s.name for s in readings.sensors].index("ping"))
-    assert sonar._threads_for(readings, rows) == threads
-    assert sonar._threads_for(readings, rows[:0]) == 1
+    monkeypatch.setattr("mapping.batches._CELLS_WORTH_A_THREAD", 0)
+    monkeypatch.setattr("mapping.kernels.batch.threads._WORTH", 0.0)
 
 
 def assert_one_map(messages: list[Message], *settings: str, live: bool = True) -> None:

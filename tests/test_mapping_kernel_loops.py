@@ -66,6 +66,43 @@ def test_what_one_run_compiled_the_next_one_loads_without_numba(tmp_path: Path) 
     assert plain == first
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="object code is kept as ELF")
+def test_code_of_another_processor_is_not_loaded(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Neither by its name, where a folder has moved, nor where somebody gave it the right name."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    cells = np.zeros((3, 4), np.bool_)
+    kinds = repr((kind_of(cells),))
+    stored._machine.cache_clear()
+    Loop("mapping.line_kernels.spreading", "distances")(cells)
+    here = stored.file_of("mapping.line_kernels.spreading", "distances", kinds)
+    assert stored.load(here) is not None
+    for name, other in (
+        ("get_host_cpu_name", lambda: "cortex-a72"),
+        ("get_host_cpu_features", lambda: Features("+neon,-avx2")),
+        ("get_process_triple", lambda: "aarch64-unknown-linux-gnu"),
+    ):
+        with monkeypatch.context() as patched:
+            patched.setattr(f"llvmlite.binding.{name}", other)
+            stored._machine.cache_clear()
+            there = stored.file_of("mapping.line_kernels.spreading", "distances", kinds)
+            assert there != here
+            assert stored.load(there) is None
+            there.write_bytes(here.read_bytes())
+            assert stored.load(there) is None
+    stored._machine.cache_clear()
+
+
+class Features(str):
+    """A processor's features, as LLVM reports them."""
+
+    __slots__ = ()
+
+    def flatten(self) -> str:
+        return str(self)
+
+
 def test_a_loop_is_told_apart_by_all_that_numba_tells_apart() -> None:
     whole = np.zeros((4, 6))
     frozen = whole.copy()

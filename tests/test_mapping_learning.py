@@ -9,15 +9,17 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from mapping.config import MappingConfig
+from mapping.config import MappingConfig, load_config
 from mapping.learning.known_ranges import as_measured, from_tape, from_walls
 from mapping.learning.mixture import NAMES, BeamMixture, Pairs, fit_mixture
+from mapping.learning.near_far import near_and_far
 from mapping.learning.sensors import learn_sensor
 from mapping.placed_session import place_session
 from recorder.errors import BadInput
 from recorder.simulator.faults import RunFaults, SensorFaults
 from recorder.simulator.robot import simulate
 from recorder.simulator.rooms import ROOMS
+from replay.learning.text import sensor_file, verdict
 
 TRUE = BeamMixture(0.75, 0.12, 0.05, 0.08, 0.02, 1.02, 0.01, 0.02, 0.8)
 REACH_M = 4.0
@@ -136,6 +138,74 @@ def test_by_tape_measure():
     mixture = learn_sensor(from_tape(far, ranges, distances), "a tape measure").fit.mixture
     assert mixture.scale == pytest.approx(1.02, abs=0.01)
     assert mixture.bias_m == pytest.approx(0.01, abs=0.005)
+
+
+def near_and_far_readings(seed, near=0.01, far=0.04, up_to_m=0.8, count=5000):
+    """Readings whose spread is another share of the range beyond a place."""
+    pairs = drawn(replace(TRUE, hit=0.0, short=0.5, none=0.2, random=0.3), count, seed)
+    rng = np.random.default_rng(seed + 100)
+    spread = np.where(pairs.true_m <= up_to_m, near, far) * pairs.true_m
+    right = pairs.true_m + spread * rng.standard_normal(count)
+    ranges_m = np.where(rng.random(count) < 0.8, right, pairs.range_m)
+    return Pairs(ranges_m, pairs.true_m, REACH_M, np.arange(count) // 50)
+
+
+def test_different_spreads_near_and_far_come_back():
+    for seed in range(4):
+        pairs = near_and_far_readings(seed)
+        found = near_and_far(fit_mixture(pairs).mixture, pairs)
+        assert found.up_to_m == pytest.approx(0.8, abs=0.04)
+        assert found.near == pytest.approx(0.01, rel=0.15)
+        assert found.far == pytest.approx(0.04, rel=0.1)
+        assert found.gain > 5.0 * found.gain_error
+
+
+def test_one_spread_stays_one():
+    for seed in range(4):
+        pairs = near_and_far_readings(seed, near=0.03, far=0.03)
+        assert near_and_far(fit_mixture(pairs).mixture, pairs) is None
+
+
+def test_two_models_go_into_the_sensor_file_and_words_tell_what_was_not_met(tmp_path):
+    pairs = near_and_far_readings(1)
+    sensor = replace(learned("dirrs").sensor, max_range_m=REACH_M)
+    known = from_tape(sensor, [pairs.range_m], [1.0])
+    known = replace(known, true_m=pairs.true_m[:, None], block=pairs.block)
+    of = learn_sensor(known, "true walls")
+    (near,) = of.settings()["ranges"]
+    assert near["up_to_m"] == pytest.approx(0.8, abs=0.04)
+    assert near["range_error"] == pytest.approx(0.02, rel=0.15)
+    assert of.settings()["range_error"] == pytest.approx(0.08, rel=0.1)
+    assert near["before"] < 0.5 * of.settings()["before"]
+    (tmp_path / "s.toml").write_text(sensor_file([of], ["made up"]))
+    section = load_config([tmp_path / "s.toml"]).sensors["dirrs"].model_dump(exclude_none=True)
+    assert section["ranges"][0]["range_error"] == near["range_error"]
+    text = " ".join(verdict(of))
+    assert "Use it from 20 cm to 3.0 m; nearer and farther nothing was met" in text
+    assert "Two models, picked by range" in text
+
+
+def test_where_a_sensor_stops_being_right_is_its_own_limit():
+    pairs = drawn(TRUE, 4000, 4)
+    wild = np.where(pairs.true_m > 1.5, REACH_M * np.random.default_rng(1).random(4000),
+                    pairs.range_m)  # fmt: skip
+    known = from_tape(replace(learned("ping").sensor, max_range_m=REACH_M), [wild], [1.0])
+    text = verdict(learn_sensor(replace(known, true_m=pairs.true_m[:, None]), "true walls"))
+    assert text[0].startswith("Use it from 20 cm to 1.")
+    assert "; nearer nothing was met" in text[0]
+    assert "farther" not in text[0]
+
+
+def test_mirrored_is_said_only_where_slanted_walls_make_the_long_echoes():
+    sonar = learned("ping")
+    (long,) = [line for line in verdict(sonar) if "farther away than what is nearest" in line]
+    assert "mostly mirrored" in long
+    even = tuple(replace(each, long=0.1) for each in sonar.by_incidence)
+    (long,) = [
+        line for line in verdict(replace(sonar, long=0.1, by_incidence=even))
+        if "farther away" in line
+    ]  # fmt: skip
+    assert "they were not told apart" in long
 
 
 def test_too_few_readings_are_refused():

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import naive_predicting as slow
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_run import MadeRun, temp_grid
 
+from mapping.grid import GridGeometry
 from mapping.kernels import recording
+from mapping.update_rules.pooled import Pooled
 from replay.rrd.pictures import UNSEEN, percent_classes
 from replay.rrd.value_log import kernels as predicting
 from replay.rrd.value_log.radial_profile import RadialProfile
+from replay.rrd.value_log.sums import Formula, logarithms
 
 ROWS, COLS = 31, 43  # of the grid
 SEEDS = st.integers(0, 2**32 - 1)
@@ -43,6 +50,48 @@ def test_cells_come_in_order_front_band_others(seed: int, most: int) -> None:
     for one, other in zip(got, expected, strict=True):
         np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(predicting.some_of(free, most), slow.some_of(free, most))
+
+
+@few
+@given(SEEDS)
+def test_sums_are_followed_as_the_rule_merges_them(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rule, grid = Pooled(), GridGeometry((0.0, 0.0), 0.05, ROWS, COLS)
+    formula = Formula.of(rule)
+    sums = random.exponential(random.uniform(0.1, 50.0), (ROWS * COLS, 8))
+    sums[:, :6] *= random.random((ROWS * COLS, 6)) < 0.7
+    sums[:, 6:] = formula.start[6:] * random.random((ROWS * COLS, 2))
+    run = MadeRun(grid, sensors=(("ping", 38.0),), readings=1, turn_rad=0.0)
+    beam = replace(run.beam(0), ranges_m=random.choice([0.1, 0.5, 0.9, np.inf], 1))
+    temp = temp_grid(beam, grid)
+    free, band = temp.free & ~temp.band, temp.band & np.isfinite(beam.ranges_m[0])
+    w = temp.window
+    cells, inner, in_front, _ = slow.covered_cells(
+        free, band, np.zeros_like(free), w.row0, w.col0, COLS
+    )
+    known = {
+        name: sums[:, n].reshape(ROWS, COLS)[w.slices].copy() for n, name in enumerate(rule.start)
+    }
+    rule.merge(known, replace(temp, free=free, band=band))
+    reading = formula.reading(temp)
+    at = beam.world_from_sensor
+    distances = slow.distances_m(cells, COLS, 0.05, -at.x_m, -at.y_m)
+    found = predicting.follow_sums(
+        cells, in_front, distances, sums, reading.numbers, formula.numbers
+    )
+    wanted = np.column_stack([array.ravel()[inner] for array in known.values()])
+    np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-7)
+    values = predicting.values_of_sums(found, formula.numbers, logarithms(), formula.curve)
+    exact = rule.values({name: found[:, n] for n, name in enumerate(rule.start)})
+    np.testing.assert_allclose(values, exact, rtol=1e-7, atol=0.0)
+
+
+@few
+@given(SEEDS)
+def test_logarithms_of_sums_and_products_alone(seed: int) -> None:
+    for x in np.random.default_rng(seed).exponential(10.0, 50) ** 3.0:
+        got = predicting.ln_of_one_plus(x, logarithms())
+        assert abs(got - math.log1p(x)) <= 4e-15 * max(1.0, math.log1p(x))
 
 
 @few

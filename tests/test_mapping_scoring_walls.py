@@ -105,6 +105,28 @@ def test_walls_hide_and_silent_readings_count():
     np.testing.assert_array_equal(seen["ping"], other["ping"])  # what was measured is no matter
 
 
+def test_light_is_not_blamed_for_glass_and_sees_what_is_behind():
+    """Glass across the room: a sonar sees it and nothing behind, an infrared ranger the reverse."""
+    walls_m = np.concatenate([ROOM.walls_m, lines_of((0.71, 0.01, 0.71, 1.61))])
+    walls = TrueWalls.of(walls_m, ["smooth"] * len(ROOM.walls_m) + ["glass"])
+    messages = [Pose(t, SE2(0.3, 0.81, 0.0)) for t in (0, 400_000_000, 800_000_000)]
+    for name, radiation in (("ping", Radiation.ULTRASOUND), ("dirrs", Radiation.INFRARED)):
+        messages.append(Range(5 * 10**8, name, math.inf, math.radians(38.0), 0.02, 0.8, radiation))
+    config = with_silent_readings(MappingConfig())
+    seen = observable_cells(place_session(messages, config), walls, GRID)
+    cells = tuple(GRID.cells_of(np.array([[0.6, 0.81], [0.71, 0.81], [0.9, 0.81]])).T)
+    assert seen["ping"][cells].tolist() == [True, True, False]
+    assert seen["dirrs"][cells].tolist() == [True, False, True]
+    assert seen["fused"][cells].tolist() == [True, True, True]
+    empty = np.full(GRID.shape, 0.1)  # free everywhere, the glass too
+    by_light = score_cells(empty, GRID, walls, seen["dirrs"])
+    assert by_light.glass_m == pytest.approx(2 * 0.44 * math.tan(math.radians(19.0)), abs=0.05)
+    assert by_light.wall_cells == 0
+    by_sound = score_cells(empty, GRID, walls, seen["ping"])
+    assert by_sound.glass_m == 0.0
+    assert by_sound.wall_cells > 10
+
+
 def test_the_silent_are_kept_for_configured_sensors_too():
     config = load_config([], ['sensors.ping.no_echo="skipped"', "sensors.ping.hit=0.5"], None)
     looking = with_silent_readings(config)

@@ -12,8 +12,16 @@ from hypothesis import strategies as st
 
 from mapping.artifacts import TempGrid
 from mapping.beams import Beam
-from mapping.config import MappingConfig, ReportedSensor, resolve_sensor
+from mapping.config import (
+    MappingConfig,
+    ReportedSensor,
+    load_config,
+    resolve_sensor,
+    validate,
+)
+from mapping.config_text import commented_toml
 from mapping.grid import GridGeometry, Window
+from mapping.parameters import Table
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import (
     UPDATE_RULES,
@@ -22,6 +30,7 @@ from mapping.update_rules import (
     start,
 )
 from mapping.update_rules.axis import axis_cells
+from mapping.update_rules.pooled_weights import SHIPPED, as_table, weights_of
 from recorder.errors import BadInput
 from recorder.geometry import SE2
 from recorder.messages import Radiation
@@ -491,9 +500,24 @@ def test_weights_that_cannot_be_used_get_one_line(tmp_path, text, words):
         start("pooled", ROW, {"weights": str(file)}).layer("sonar")
 
 
-def test_weights_may_not_turn_evidence_round(tmp_path):
-    from mapping.update_rules.pooled_weights import SHIPPED, weights_of
+def test_weights_stand_in_a_configuration_as_a_table(tmp_path):
+    table = as_table(weights_of("sonar"))
+    text = commented_toml(validate({"sensors": {"ping": {"update": "pooled", "weights": table}}}))
+    (tmp_path / "c.toml").write_text(text)
+    config = load_config([tmp_path / "c.toml"])
+    reported = ReportedSensor("ping", Radiation.ULTRASOUND)
+    sensor = resolve_sensor(reported, config, mounted=False)
+    assert sensor.own["weights"] == table
+    assert {sensor.own["weights"]} == {Table(table)}  # it can be counted
+    rule = start("pooled", ROW, sensor.own).rule
+    assert as_table(rule.learned) == table
+    bad = {"sensors": {"ping": {"update": "pooled", "weights": {**table, "fade_m": 0.0}}}}
+    with pytest.raises(BadInput, match="fade_m must be above 0") as caught:
+        resolve_sensor(reported, validate(bad), mounted=False)
+    assert "\n" not in str(caught.value)
 
+
+def test_weights_may_not_turn_evidence_round(tmp_path):
     text = SHIPPED.read_text().replace("misses_near = -", "misses_near = ")
     (tmp_path / "w.toml").write_text(text)
     with pytest.raises(BadInput, match="misses_near must not be positive"):

@@ -13,9 +13,16 @@ import pytest
 from conftest import ROOT
 
 from echogrid import main
-from mapping.config import MappingConfig, ReportedSensor, load_config, resolve_sensor
+from mapping.config import (
+    MappingConfig,
+    ReportedSensor,
+    load_config,
+    resolve_sensor,
+    unused_keys,
+)
 from mapping.config_text import explained_toml
 from mapping.sensor_model import SENSOR_MODELS
+from mapping.sensors import resolve_sensors
 from recorder.errors import BadInput
 from recorder.messages import Radiation, Range, Scan
 from recorder.recording.options import parse_sensor
@@ -27,7 +34,7 @@ from recorder.summary import summary_lines
 
 MUST_HAVE_A_SOURCE = {
     "beam_width_deg", "min_range_m", "max_range_m", "range_error", "rate_hz", "model_parameters",
-    "faults",
+    "update", "faults",
 }  # fmt: skip
 EVERY_KIND = pytest.mark.parametrize("kind", CATALOGUE.values(), ids=CATALOGUE)
 
@@ -51,6 +58,7 @@ def test_an_entry_is_sound_and_names_the_source_of_each_number(kind: SensorKind)
     assert sensor.beam_width_rad == math.radians(kind.beam_width_deg)
     assert (sensor.range_error, sensor.max_range_m) == (kind.range_error, kind.max_range_m)
     assert {key: getattr(sensor, key) for key in kind.model_parameters} == kind.model_parameters
+    assert sensor.update == kind.update
 
 
 @EVERY_KIND
@@ -105,6 +113,66 @@ def test_the_order_of_what_is_known() -> None:
     assert reach("tfmini_left", own_m=9.0) == 9.0
     assert reach("tfmini_left", "sensors.tfmini_left.max_range_m=5", own_m=9.0) == 5.0
     assert reach("left", "sensors.left.kind=tfluna") == 8.0
+
+
+def rule_of(reported: ReportedSensor, *settings: str, preset: str | None = None) -> str:
+    config = load_config(settings=settings, preset=preset)
+    return resolve_sensor(reported, config, mounted=False).update
+
+
+def test_the_rule_of_a_sensor_that_names_none() -> None:
+    """It is the kind's, unless something is set that this rule does not go by."""
+    ping = ReportedSensor("ping", Radiation.ULTRASOUND)
+    assert rule_of(ping) == rule_of(ping, "sensors.ping.behind=0.03") == "pooled"
+    assert rule_of(ping, "sensors.ping.model=fading") == "pooled"  # what it is anyway
+    assert rule_of(ping, "sensors.*.regions=6") == "pooled"  # which the model does not go by either
+    assert rule_of(ping, preset="chapter") == "bayes"
+    for setting in ("model=peak", "model=regions", "rasteriser=arcs", "rasteriser=rays"):
+        assert rule_of(ping, f"sensors.*.{setting}") == "bayes", setting
+    for key in ("hit", "miss", "near", "fade_m"):
+        assert rule_of(ping, f"sensors.ping.{key}=1") == "bayes", key
+        assert rule_of(ping, f"sensors.ping.{key}=1", "sensors.ping.update=pooled") == "pooled"
+    assert rule_of(ReportedSensor("sonar", Radiation.ULTRASOUND)) == "pooled"
+    assert rule_of(ReportedSensor("ping", Radiation.LASER)) == "bayes"  # a scan, whatever its name
+
+
+def test_light_in_a_wide_cone_keeps_bayes() -> None:
+    """The weights of light were learned of thin beams; in a cone they would free walls."""
+    thin, wide = (ReportedSensor("tof", Radiation.INFRARED, math.radians(w)) for w in (3.0, 25.0))
+    assert (rule_of(thin), rule_of(wide)) == ("pooled", "bayes")
+    assert rule_of(wide, "sensors.tof.beam_width_deg=10") == "pooled"
+    assert rule_of(ReportedSensor("ping", Radiation.INFRARED, math.radians(38.0))) == "pooled"
+
+
+def test_keys_that_the_chosen_rule_does_not_go_by_are_named() -> None:
+    in_vain = load_config(settings=["sensors.ping.update=pooled", "sensors.ping.hit=1"])
+    assert unused_keys(in_vain) == ["sensors.ping.hit"]
+    assert not unused_keys(load_config(settings=["sensors.ping.hit=1"]))  # then the rule is bayes
+    assert not unused_keys(load_config(settings=["sensors.ping.weights=sonar"]))
+
+
+def test_a_layer_of_sensors_whose_rules_differ_takes_bayes() -> None:
+    """Weights of one medium fit no other; a rule that somebody named is left alone."""
+
+    def rules(*settings: str) -> dict[str, str]:
+        readings = [
+            CATALOGUE[kind].parameters.reading(0, name, 0.5)
+            for name, kind in (("ping", "ping"), ("hcsr04", "hcsr04"), ("dirrs", "dirrs"))
+        ]
+        config = load_config(settings=settings)
+        sensors = resolve_sensors(readings, lambda _: None, config)
+        return {name: sensor.update for name, sensor in sensors.items()}
+
+    assert set(rules().values()) == {"pooled"}
+    assert set(rules("sensors.hcsr04.layer=ping").values()) == {"pooled"}
+    assert rules("sensors.dirrs.layer=ping") == {
+        "ping": "bayes", "hcsr04": "pooled", "dirrs": "bayes",
+    }  # fmt: skip
+    assert set(rules("sensors.*.layer=all").values()) == {"bayes"}
+    assert set(rules("sensors.*.layer=all", "sensors.*.update=pooled").values()) == {"pooled"}
+    assert rules("sensors.hcsr04.layer=ping", "sensors.hcsr04.hit=1") == {
+        "ping": "bayes", "hcsr04": "bayes", "dirrs": "pooled",
+    }  # fmt: skip
 
 
 def test_a_parameter_that_no_model_has_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,7 +22,7 @@ from recorder.errors import BadInput, OutputExists
 from recorder.geometry import SE2
 from recorder.messages import Message, Pose, Radiation, Range, Record, Transform
 from recorder.session import Limits, PartedWriter, Session, SessionWriter, read_session
-from recorder.session.parts import parts_beside
+from recorder.session.part_names import parts_beside
 
 T_NS = 1_700_000_000_000_000_000
 STEP_NS = 50_000_000

@@ -26,7 +26,9 @@ from recorder.messages import Message
 
 GOLDEN = Golden(Path(__file__).parent / "golden" / "configurations.json")
 COARSE = "grid.resolution_m=0.05"
-RULES = ("binary", "count", "sum", "bayes", "odds", "dempster-shafer", "himm")
+RULES = (
+    "binary", "count", "sum", "bayes", "odds", "dempster-shafer", "himm", "saturating", "pooled",
+)  # fmt: skip
 METHODS = ("split-and-merge", "incremental", "line-regression", "ransac", "hough", "em")
 
 Case = tuple[Callable[[], tuple[Message, ...]], tuple[str, ...]]

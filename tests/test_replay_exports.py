@@ -32,6 +32,7 @@ from recorder.geometry import SE2
 from recorder.messages import Pose
 from recorder.session import read_session
 from replay.exports import Exporter, layer_pgm, layer_png, map_server_yaml
+from replay.mapping_run import map_session
 from replay.trajectory import tum_lines
 
 LOGS = ROOT / "logs"
@@ -156,6 +157,17 @@ def test_summary_holds_counts_configuration_and_versions(made: Path) -> None:
     assert held["layers"]["fused"] == {"kind": "count", "rule": "bayes"}
     assert set(held["versions"]) == {"echogrid", "numpy", "python"}
     assert held["versions"]["numpy"] == np.__version__
+
+
+def test_summary_names_the_rule_of_each_sensor(tmp_path: Path) -> None:
+    """The configuration need not: a rule that nobody set follows the kind of the sensor."""
+    config = load_config(settings=["grid.resolution_m=0.1", "sensors.dirrs.fade_m=2"])
+    map_session(ROOT / "logs/room.mcap", config, rrd=None, export=tmp_path / "out")
+    held = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert {name: each["update"] for name, each in held["sensors"].items()} == {
+        "ping": "pooled", "dirrs": "bayes",
+    }  # fmt: skip
+    assert held["sensors"]["ping"]["kind"] == held["sensors"]["ping"]["layer"] == "ping"
 
 
 def test_the_same_run_gives_the_same_bytes(made: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import pytest
 
 from echogrid import main
 from mapping.config import load_config
+from mapping.update_rules.pooled_weights import SIGNS
 
 
 @pytest.fixture(scope="module")
@@ -54,6 +55,51 @@ def test_json_and_walls_by_name(session: Path, capsys: pytest.CaptureFixture[str
     assert found["dirrs"]["mixture"]["scale"] == pytest.approx(1.1, abs=0.02)
     low, high = found["dirrs"]["interval"]["scale"]
     assert low < 1.1 < high
+
+
+POOLED = ["--set", "sensors.*.update=pooled"]
+
+
+def test_weights_of_several_rooms_are_tried_on_those_kept_out_and_map_takes_them(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other, file = tmp_path / "other.mcap", tmp_path / "s.toml"
+    made = ["simulate", "pillar", "-o", str(other), "--duration", "40", "--quiet"]
+    assert main(made) == 0
+    both = ["learn", str(session), str(other), "--walls", "square", "--walls", "pillar"]
+    arguments = [*both, "--sensor", "ping", "--weights", "-o", str(file), *POOLED]
+    assert main([*arguments, "--json"]) == 0
+    worth = json.loads(capsys.readouterr().out)["ping"]["strengths"]
+    assert [each["name"] for each in worth["kept_out"]] == ["run.mcap", "other.mcap"]
+    assert not worth["same_room"]
+    for each in worth["kept_out"]:
+        assert each["before"] > 0.2
+        assert each["learned"] < each["before"]  # of rooms with walls as mirrors like these
+    assert set(worth["settings"]["weights"]["weights"]) == set(SIGNS)
+    coarse = ["--set", "grid.resolution_m=0.02", "--layer", "ping", "--json", *POOLED]
+    loss = []
+    for more in ([], ["--config", str(file)]):
+        assert main(["score", str(other), "--walls", "pillar", *coarse, *more]) == 0
+        loss.append(json.loads(capsys.readouterr().out)["layers"]["ping"]["log_loss"])
+    assert loss[1] < loss[0]
+
+
+def test_of_one_session_its_halves_are_kept_out_and_of_other_rules_their_strengths_are_learned(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "s.toml"
+    arguments = ["learn", str(session), "--sensor", "dirrs", "--weights", "-o", str(file)]
+    assert main([*arguments, "--set", "sensors.*.update=bayes", "--json"]) == 0
+    worth = json.loads(capsys.readouterr().out)["dirrs"]["strengths"]
+    assert worth["same_room"]
+    assert [each["name"] for each in worth["kept_out"]] == [
+        "the first half of run.mcap", "the second half of run.mcap",
+    ]  # fmt: skip
+    assert set(worth["settings"]) == {"hit", "miss"}  # light does not fade
+    assert main([*arguments, "--preset", "chapter", "--force"]) == 2
+    assert "no strength to learn" in capsys.readouterr().err
+    assert main([*arguments, "--distance", "0.3", "--force"]) == 2
+    assert "--weights needs true walls" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

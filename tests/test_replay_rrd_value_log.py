@@ -15,10 +15,12 @@ from naive_predicting import look_up
 from mapping.artifacts import MergedGrid, TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import UPDATE_RULES
+from mapping.update_rules.pooled import Pooled
 from mapping.update_rules.state import start
 from replay.rrd.value_log.encoder import LogEncoder
 from replay.rrd.value_log.radial_profile import fit_table
 from replay.rrd.value_log.records import LogReader, ValueLogError
+from replay.rrd.value_log.sums import Formula
 from replay.rrd.value_log.track import Track
 
 GRID = GridGeometry((-0.3, -0.2), 0.02, 110, 140)
@@ -33,6 +35,11 @@ def readings(
     for number in range(count):
         temp = temp_grid(run.beam(number), grid)
         yield temp, state.merge(temp)
+
+
+def formula_of(merged: MergedGrid) -> Formula | None:
+    rule = None if merged.sums is None else merged.sums.rule
+    return Formula.of(rule) if isinstance(rule, Pooled) else None
 
 
 def empty(rule: str) -> np.ndarray:
@@ -50,7 +57,8 @@ def logged(
     )
     grid, records, after = empty(rule), [], []
     for number, (temp, merged) in enumerate(readings(rule, count)):
-        records += writer.add(merged.window, merged.values, temp, number)
+        formula = formula_of(merged)
+        records += writer.add(merged.window, merged.values, temp, number, formula)
         grid[merged.window.slices] = merged.values
         after.append(grid.copy())
     return records + writer.drain(), after
@@ -87,6 +95,47 @@ def test_evidence_by_distance_alone_takes_next_to_nothing(width_deg: float) -> N
         ((_, record),) = plain.add(merged.window, merged.values, None, number)
         sizes["plain"] += len(record) * (number >= 24)
     assert 0 < 10 * sizes["predicted"] < sizes["plain"]
+
+
+def test_sums_that_are_followed_take_next_to_nothing() -> None:
+    """A tenth of what the plain differences take, from the first reading on."""
+    grid = GridGeometry((-0.3, -0.2), 0.01, 280, 360)
+    followed: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=True)
+    plain: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=True)
+    sizes = {"followed": 0, "plain": 0}
+    for number, (temp, merged) in enumerate(readings("pooled", 24, grid=grid)):
+        formula = formula_of(merged)
+        ((_, record),) = followed.add(merged.window, merged.values, temp, number, formula)
+        sizes["followed"] += len(record)
+        ((_, record),) = plain.add(merged.window, merged.values, None, number)
+        sizes["plain"] += len(record)
+    assert 0 < 10 * sizes["followed"] < sizes["plain"]
+
+
+@pytest.mark.parametrize("spoiled", [False, True])
+def test_sums_go_on_over_a_whole_map_and_end_with_what_no_record_tells(spoiled: bool) -> None:
+    """A reader may begin at a whole map; a tile that came without a reading ends the following."""
+    writer: LogEncoder[int] = LogEncoder(GRID, "probability", 0.5, predicts=True)
+    late, grid, sizes = reader("pooled"), empty("pooled"), []
+    for number, (temp, merged) in enumerate(readings("pooled", 40)):
+        grid[merged.window.slices] = merged.values
+        if spoiled and number == 10:  # not logged, its tile is
+            writer.replace(merged.window, merged.values)
+            continue
+        formula = formula_of(merged)
+        records = writer.add(merged.window, merged.values, temp, number, formula)
+        records += writer.drain()
+        sizes.append(sum(len(record) for _, record in records))
+        for _, record in records:
+            (late.skip if number <= 20 else late.take)(record)
+        if number == 20:
+            writer.replace(GRID.whole, grid)  # nothing new
+            writer.restart()
+            late.replace(GRID.whole, grid)
+            late.restart()
+        if number > 20:
+            assert late.values.tobytes() == grid.tobytes()
+    assert (np.mean(sizes[25:]) > 4.0 * np.mean(sizes[1:9])) == spoiled
 
 
 def test_a_lost_or_spoiled_record_is_noticed() -> None:

@@ -11,6 +11,7 @@ import ezdxf
 import geojson
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from mapping.artifacts import Border, Segment
@@ -63,8 +64,23 @@ def test_dxf_has_lines_in_metres_on_named_layers(
     wanted = sorted((*segment.start_m, *segment.end_m) for segment in segments)
     np.testing.assert_allclose(found, wanted, atol=1e-12)
     outlines = drawing.modelspace().query('LWPOLYLINE[layer=="fused borders"]')
-    assert [len(outline) for outline in outlines] == [len(border.cells) for border in borders]
+    for outline, border in zip(outlines, borders, strict=True):
+        corners = np.array(list(outline.get_points("xy")))
+        assert len(corners) < len(border.cells)
+        assert cells_along(corners, border) == sorted(map(tuple, border.cells.tolist()))
     assert all(outline.closed for outline in outlines)
+
+
+def cells_along(corners: NDArray[np.float64], border: Border) -> list[tuple[int, int]]:
+    """All cells that a closed outline goes through, from corner to corner, in order of place."""
+    origin, size = np.array(border.geometry.origin_m), border.geometry.resolution_m
+    cells = np.rint((corners - origin) / size - 0.5).astype(int)[:, ::-1]
+    found = []
+    for here, there in zip(cells, np.roll(cells, -1, axis=0), strict=True):
+        step = there - here
+        steps = int(np.abs(step).max())
+        found += [tuple((here + step * k // steps).tolist()) for k in range(steps)]
+    return sorted(found)
 
 
 def test_svg_stands_upright(segments: list[Segment], borders: list[Border]) -> None:

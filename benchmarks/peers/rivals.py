@@ -17,7 +17,7 @@ from mapping.kernels.batch import fading, lidar, rays, regions, steps
 from mapping.kernels.batch.readings import Place, Readings, Scans, ends_of, place_of, scan_axes
 from mapping.kernels.batch.region_tables import regions_sensor, tables_of
 from mapping.kernels.batch.spans import beam_between, box_of, span_scratch, spans_of_rows, widths_of
-from mapping.kernels.batch.threads import in_parts
+from mapping.kernels.batch.threads import band_edges, in_bands, in_parts
 from mapping.sensor_model import regions_table
 
 Race = Callable[[], float]
@@ -127,12 +127,13 @@ def racers_of(
         return _lidar_racers(session, harness, folder), {}
     model = SONAR if session.beam_width_rad > 0.3 else SHARP
     cells, observed, place = _map_of(session)
+    rows = len(observed)
     readings = _readings(session, model["before"], model["behind"])
     half = session.beam_width_rad / 2.0
     table = np.array([[half, model["hit"], model["miss"], model["near"], model["fade_m"]]])
     job = (cells, observed, place, readings, table)
     racers: dict[str, Race] = {
-        "fading": cpu(lambda: fading.add_fading(*job, 0, 1)),
+        "fading": cpu(lambda: fading.add_fading(*job, 0, rows)),
         "limit": cpu(lambda: add_constant(cells, observed.shape[1], place, readings, half)),
     }
     error = 0.1 if session.beam_width_rad > 0.3 else 0.05
@@ -141,13 +142,20 @@ def racers_of(
         factors = regions_table(count)
         tables = tables_of([regions_sensor(session.beam_width_rad, "combined", factors, factors)])
         racers[f"regions {count}"] = cpu(
-            lambda tables=tables: regions.add_regions(cells, observed, place, banded, *tables, 0, 1)
+            lambda tables=tables: regions.add_regions(
+                cells, observed, place, banded, *tables, 0, rows
+            )
         )
     if harness is not None:
         racers["MRPT cone"] = mrpt(harness, session, 0, folder)
-    racers["fading, every 2nd row"] = cpu(lambda: fading.add_fading(*job, 0, 2))
-    racers["1 thread, wall"] = wall(lambda: in_parts(fading.add_fading, *job))
-    racers["2 threads, wall"] = wall(lambda: in_parts(fading.add_fading, *job, threads=2))
+    halves = np.array([half])
+    cut = band_edges(readings, halves, place, rows, 2)[1]
+    racers["fading, lower rows of 2 threads"] = cpu(lambda: fading.add_fading(*job, 0, cut))
+    racers["fading, upper rows of 2 threads"] = cpu(lambda: fading.add_fading(*job, cut, rows))
+    for threads, name in ((1, "1 thread, wall"), (2, "2 threads, wall")):
+        racers[name] = wall(lambda threads=threads: in_bands(
+            fading.add_fading, *job, edges=band_edges(readings, halves, place, rows, threads)
+        ))  # fmt: skip
     beliefs = np.zeros(observed.shape)
     racers["NumPy twin"] = cpu(lambda: numpy_twin(beliefs, session, model))
     racers["plain Python twin"] = cpu(lambda: python_twin(beliefs.tolist(), session, model))

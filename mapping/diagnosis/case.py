@@ -89,13 +89,21 @@ class Case:
         names = tuple(sensors) or self.judged_by
         key = (hypothesis, names)
         if key not in self.scores:
-            readings = self.session.under(hypothesis)
-            kept = np.isin(readings.sensor, _numbers(readings, names))
-            self.scores[key] = score(
-                readings.chosen(kept), self.block[kept], self.blocks, self.geometry,
-                together=False, threads=self.threads,
-            )  # fmt: skip
+            self.scores[key] = self.judged(self.session.under(hypothesis), names)
         return self.scores[key]
+
+    def judged(
+        self, readings: Readings, sensors: Sequence[str], kept: NDArray[np.bool_] | None = None
+    ) -> Judged:
+        """How well the maps of some sensors predict these readings (N,), placed in another way, or
+        those of them that are ``kept`` (N,)."""
+        mine = np.isin(readings.sensor, _numbers(readings, sensors))
+        if kept is not None:
+            mine &= kept
+        return score(
+            readings.chosen(mine), self.block[mine], self.blocks, self.geometry,
+            together=False, threads=self.threads,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)

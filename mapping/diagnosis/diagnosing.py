@@ -68,7 +68,9 @@ def diagnose(
         for number in each.candidate.numbers:
             explained = (c.explained(case, number, each, hypothesis) for c in CAUSES)
             found += [suspect for suspect in explained if suspect is not None]
-    found += [s for cause in CAUSES for s in cause.examine(case, hypothesis)]
+    walls = bool(case.thin) and not case.rough
+    looking = [cause for cause in CAUSES if walls or not cause.needs_walls]
+    found += [s for cause in looking for s in cause.examine(case, hypothesis)]
     found.sort(key=lambda suspect: -suspect.cost)
     fix = merged(suspect.settings for suspect in found if suspect.settings)
     before, after = case.score(NO_FAULT), case.score(hypothesis)

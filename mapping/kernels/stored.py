@@ -3,7 +3,9 @@
 numba keeps what it compiled too, but to load that it has to be imported itself, with half of SciPy:
 a good half of a second before the first cell is touched. What it made is object code around a
 function that Python can call, and LLVM alone loads that in some milliseconds. A file holds one
-function for one set of argument types; its name holds a digest of all that its code depends on.
+function for one set of argument types; its name holds a digest of all that its code depends on,
+the processor's features among it, and so does the file: a folder that moves to another machine,
+or a home that two of them share, is no danger.
 Where anything is not as expected (another platform than 64-bit ELF, a numba that keeps its things
 elsewhere) nothing is kept, and numba does it all.
 """
@@ -51,8 +53,8 @@ def load(file: Path) -> Function | None:
         known = json.loads(head)
     except (OSError, ValueError):
         return None
-    if known.get("crc") != zlib.crc32(code):
-        return None
+    if known.get("crc") != zlib.crc32(code) or known.get("machine") != _machine():
+        return None  # cut short, or of another processor: that code would end the process
     try:
         return _linked(code, known["function"], known["environment"], known["types"])
     except (AttributeError, ImportError, KeyError, RuntimeError):  # another numba, another LLVM
@@ -130,6 +132,7 @@ def _content(dispatcher: Any, types: tuple[Any, ...]) -> bytes | None:
         return None
     known = {
         "crc": zlib.crc32(code),
+        "machine": _machine(),
         "function": compiled.fndesc.llvm_cpython_wrapper_name,
         "environment": compiled.fndesc.env_name,
         "types": [each.str for each in constants],

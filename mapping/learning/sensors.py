@@ -12,6 +12,7 @@ import numpy as np
 
 from mapping.learning.known_ranges import KnownRanges
 from mapping.learning.mixture import FEWEST, Fit, Pairs, fit_mixture
+from mapping.learning.near_far import NearFar, near_and_far
 from mapping.parameters import Sensor
 from recorder.columns import Floats
 from recorder.errors import BadInput
@@ -49,13 +50,15 @@ class RangeBin:
 
 @dataclass(frozen=True, slots=True)
 class IncidenceBin:
-    """Readings that met a surface at about one angle to its normal; shares of hits and no echo."""
+    """Readings that met a surface at about one angle to its normal; shares of hits, no echo and
+    echoes that are too long."""
 
     from_deg: float
     to_deg: float
     readings: int
     hit: float
     none: float
+    long: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,10 +67,11 @@ class LearnedSensor:
 
     ``against`` names what its ranges were held against. ``beam_width_rad`` and its interval are
     None where they could not be learned. ``long`` is the share of the echoes that are too long by
-    more than 10 cm and three spreads: mirrored ones. ``usable_m`` is where at least 40 % of the
-    readings are hits. ``tuned`` are the settings that proved better by the score without truth,
-    where nothing better than a map is known (else None). ``pairs`` and ``hit_share`` (N,) are the
-    readings behind it.
+    more than 10 cm and three spreads. ``usable_m`` is where at least 40 % of the readings are hits,
+    ``met_m`` the nearest and the farthest distance that was met: beyond these nothing is known.
+    ``near_far`` are two models, where one is surely worse. ``tuned`` are the settings that proved
+    better by the score without truth, where nothing better than a map is known (else None).
+    ``pairs`` and ``hit_share`` (N,) are the readings behind it.
     """
 
     sensor: Sensor
@@ -77,11 +81,13 @@ class LearnedSensor:
     beam_interval_rad: tuple[float, float] | None
     long: float
     usable_m: tuple[float, float]
+    met_m: tuple[float, float]
     by_range: tuple[RangeBin, ...]
     by_incidence: tuple[IncidenceBin, ...]
     pairs: Pairs
     hit_share: Floats
     tuned: Mapping[str, float] | None = None
+    near_far: NearFar | None = None
 
     @property
     def typical_m(self) -> float:
@@ -90,7 +96,10 @@ class LearnedSensor:
 
     @property
     def relative_error(self) -> float:
-        """Two standard deviations of a hit at the typical distance, relative to it."""
+        """Two standard deviations of a hit at the typical distance, relative to it; of the far
+        model, where there are two."""
+        if self.near_far is not None:
+            return 2.0 * self.near_far.far
         return float(2.0 * self.fit.mixture.std_m(self.typical_m)) / self.typical_m
 
     @property
@@ -119,9 +128,18 @@ class LearnedSensor:
                 values["range_bias_m"] = round(mixture.bias_m, 4)
         if self.beam_width_rad and self._beam_is_known:  # of a thin line the stated beam stays
             values["beam_width_deg"] = round(math.degrees(self.beam_width_rad), 1)
-        values["range_error"] = round(min(max(self.relative_error, 0.005), 0.5), 4)
+        values |= self._of_spread(self.relative_error)
+        if self.near_far is not None:
+            near = self._of_spread(2.0 * self.near_far.near)
+            if near != self._of_spread(self.relative_error):
+                values["ranges"] = [{"up_to_m": round(self.near_far.up_to_m, 3), **near}]
+        return values
+
+    def _of_spread(self, relative_error: float) -> dict[str, float]:
+        """The keys of a model that follow from two standard deviations, relative to the range."""
+        values = {"range_error": round(min(max(relative_error, 0.005), 0.5), 4)}
         if self.sensor.radiation is not Radiation.ULTRASOUND and self.sensor.model == "fading":
-            band = _BAND_SPREADS / 2.0 * self.relative_error
+            band = _BAND_SPREADS / 2.0 * relative_error
             values["before"] = values["behind"] = round(min(max(band, _LEAST_BAND), 0.5), 4)
         return values
 
@@ -146,8 +164,9 @@ def learn_sensor(known: KnownRanges, against: str, *, own_map: bool = False) -> 
     by_range = _by_range(pairs, cause, long)
     return LearnedSensor(
         known.sensor, against, fit, width_rad, interval_rad, float(long[seen].mean()),
-        _usable(pairs, cause, by_range), by_range, _by_incidence(pairs, cause, incidence_rad),
-        pairs, cause[:, 0],
+        _usable(pairs, cause, by_range), (float(pairs.true_m.min()), float(pairs.true_m.max())),
+        by_range, _by_incidence(pairs, cause, incidence_rad, long), pairs, cause[:, 0],
+        near_far=None if own_map else near_and_far(fit.mixture, pairs),
     )  # fmt: skip
 
 
@@ -213,24 +232,33 @@ def _by_range(pairs: Pairs, cause: Floats, long: np.ndarray[Any, Any]) -> tuple[
     return tuple(bins)
 
 
-def _by_incidence(pairs: Pairs, cause: Floats, incidence_rad: Floats) -> tuple[IncidenceBin, ...]:
+def _by_incidence(
+    pairs: Pairs, cause: Floats, incidence_rad: Floats, long: np.ndarray[Any, Any]
+) -> tuple[IncidenceBin, ...]:
     bins, degrees = [], np.degrees(incidence_rad)
     for low, high in itertools.pairwise(_INCIDENCE_EDGES_DEG):
         mine = (degrees >= low) & (degrees < high)
         if int(mine.sum()) >= _FEWEST_IN_BIN:
             shares = cause[mine].mean(axis=0)
+            seen = mine & np.isfinite(pairs.range_m)
+            too_long = float(long[seen].mean()) if seen.any() else math.nan
             bins.append(
-                IncidenceBin(low, high, int(mine.sum()), float(shares[0]), float(shares[2]))
+                IncidenceBin(
+                    low, high, int(mine.sum()), float(shares[0]), float(shares[2]), too_long
+                )
             )
     return tuple(bins)
 
 
 def _usable(pairs: Pairs, cause: Floats, bins: tuple[RangeBin, ...]) -> tuple[float, float]:
-    """The stretch of distances around the best one in which at least 40 % are hits."""
-    good = [each.hit >= _USABLE_HITS for each in bins]
+    """The stretch of distances around the best one in which at least 40 % are hits; one bin with
+    fewer between two with more, as where the robot faced a corner, does not end it."""
+    hits = np.pad([each.hit for each in bins], 1, mode="edge")
+    middle = np.median([hits[:-2], hits[1:-1], hits[2:]], axis=0)
+    good = (middle >= _USABLE_HITS).tolist()
     if not any(good):
         return math.nan, math.nan
-    best = max(range(len(bins)), key=lambda k: bins[k].hit)
+    best = int(np.argmax(middle))
     first = last = best
     while first > 0 and good[first - 1]:
         first -= 1

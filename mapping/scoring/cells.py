@@ -43,7 +43,8 @@ class CellScore:
     cells, so that both weigh as much; lower is better, undecided everywhere is 0.693 and 0.25.
     ``wall_distance_*`` is how far cells taken as walls lie from the nearest wall; ``wall_found``
     the share of the seen wall with such a cell within 4 cm; ``ghost_m2`` how much is taken as a
-    wall where nothing could be seen.
+    wall where nothing could be seen. ``glass_m`` is how much glass, by length, light went through:
+    it gives no echo and is not judged.
     """
 
     free_cells: int
@@ -60,6 +61,7 @@ class CellScore:
     wall_distance_p95_m: float
     wall_found: float
     ghost_m2: float
+    glass_m: float = 0.0
 
 
 def score_cells(
@@ -89,7 +91,13 @@ def score_cells(
         wall_distance_p95_m=p95_m,
         wall_found=_found(taken, geometry, truth, seen & walls),
         ghost_m2=float((taken & ~seen & ~walls).sum()) * geometry.resolution_m**2,
+        glass_m=_glass(geometry, truth, seen),
     )
+
+
+def log_loss_of(probability: Floats, walls: Flags, seen: Flags) -> float:
+    """The log-loss alone, of a layer (rows, cols) over the cells that could be seen."""
+    return (_log_loss(1.0 - probability[seen & ~walls]) + _log_loss(probability[seen & walls])) / 2
 
 
 def area_under_curve(free_p: Floats, wall_p: Floats) -> float:
@@ -157,6 +165,26 @@ def _found(taken: Flags, geometry: GridGeometry, truth: Truth, seen_walls: Flags
     return float((cells.query(places_m)[0] <= NEAR_M + 1e-9).mean())
 
 
+def _glass(geometry: GridGeometry, truth: Truth, seen: Flags) -> float:
+    """The length of the glass that was not seen itself, though what lies on both its sides was."""
+    places_m, along_rad, _ = along(truth.glass_m, WALL_STEP_M)
+    normal = np.column_stack([-np.sin(along_rad), np.cos(along_rad)])
+    beside_m = 1.5 * geometry.resolution_m * normal
+    itself, left, right = (
+        looked_up(seen, places_m + off_m, geometry) for off_m in (0.0, beside_m, -beside_m)
+    )
+    return float((left & right & ~itself).sum()) * WALL_STEP_M
+
+
+def looked_up(cells: Flags, places_m: Floats, geometry: GridGeometry) -> Flags:
+    """What cells (rows, cols) hold at places (N, 2) in metres; nothing outside the grid."""
+    at = geometry.cells_of(places_m)
+    inside = geometry.contains(at)
+    found = np.zeros(len(at), np.bool_)
+    found[inside] = cells[at[inside, 0], at[inside, 1]]
+    return found
+
+
 def along(pieces_m: Floats, step_m: float) -> tuple[Floats, Floats, NDArray[np.int64]]:
     """Places along pieces (K, 2, 2) about ``step_m`` apart: where, in which direction, of which.
 
@@ -175,9 +203,5 @@ def lies_on(places_m: Floats, cells: Flags, geometry: GridGeometry) -> Flags:
     """Which places (N, 2) lie in one of the cells (rows, cols) or beside it."""
     from scipy.ndimage import binary_dilation
 
-    near = binary_dilation(cells, np.ones((3, 3), np.bool_))
-    at = geometry.cells_of(places_m)
-    inside = geometry.contains(at)
-    found = np.zeros(len(places_m), np.bool_)
-    found[inside] = near[at[inside, 0], at[inside, 1]]
-    return found
+    near: Flags = binary_dilation(cells, np.ones((3, 3), np.bool_))
+    return looked_up(near, places_m, geometry)

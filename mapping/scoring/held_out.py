@@ -72,6 +72,14 @@ class BlockScores:
         """Those of readings (N,), each of a block."""
         return cls(_sums(block, values, blocks), np.bincount(block, minlength=blocks))
 
+    @classmethod
+    def joined(cls, parts: Sequence[BlockScores]) -> BlockScores:
+        """Those of several sessions together."""
+        return cls(
+            np.concatenate([each.total for each in parts]),
+            np.concatenate([each.count for each in parts]),
+        )
+
     @property
     def mean(self) -> float:
         """The score: of all readings alike."""
@@ -164,22 +172,23 @@ class Judged:
         A reading is the same where its time and its sensor are, and its number of axes. Raises
         BadInput where the two have none in common.
         """
-        before, after = self._paired(other, names)
+        before, after = self.paired(other, names)
         return after.gain_over(before, level)
 
     def gains_of_halves(self, other: Judged) -> tuple[float, float]:
         """By how much it is better in the first half of the blocks, and in the second."""
-        before, after = self._paired(other, None)
+        before, after = self.paired(other, None)
         gain = after.total - before.total
         half, count = self.blocks // 2, np.maximum(after.count, 0)
         parts = (slice(0, half), slice(half, None))
         first, last = (float(gain[p].sum()) / max(int(count[p].sum()), 1) for p in parts)
         return first, last
 
-    def _paired(
-        self, other: Judged, names: Sequence[str] | None
-    ) -> tuple[BlockScores, BlockScores]:
-        """The other's scores and its own, over the readings that both judged."""
+    def paired(self, other: Judged, names: Sequence[str] | None) -> tuple[BlockScores, BlockScores]:
+        """The other's scores and its own, over the readings that both judged.
+
+        Raises BadInput where the two have none in common.
+        """
         first_ns = min(int(each.readings.t_ns.min()) for each in (self, other))
         mine, its = np.intersect1d(self._keys(first_ns), other._keys(first_ns), True, True)[1:]
         axes, same = np.diff(self.readings.begins), np.diff(other.readings.begins)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry
-from mapping.scoring.cells import WALL_STEP_M, along, lies_on
+from mapping.scoring.cells import WALL_STEP_M, along, lies_on, looked_up
 from mapping.scoring.truth import Floats, Truth
 
 Flags = NDArray[np.bool_]
@@ -140,15 +140,7 @@ def _offset(places_m: Floats, pieces_m: Floats, geometry: GridGeometry, seen: Fl
     off_m = ((places_m - pieces_m[:, 0]) * normal).sum(axis=1)
     foot_m = places_m - off_m[:, None] * normal
     beside_m = _BESIDE_M * normal
-    left, right = (_looked_up(seen, foot_m + side_m, geometry) for side_m in (beside_m, -beside_m))
+    left, right = (looked_up(seen, foot_m + side_m, geometry) for side_m in (beside_m, -beside_m))
     inwards = np.where(left, 1.0, -1.0)[left != right]  # where both sides are seen, neither is in
     signed_m = -off_m[left != right] * inwards
     return float(np.median(signed_m)) if len(signed_m) else math.nan
-
-
-def _looked_up(cells: Flags, places_m: Floats, geometry: GridGeometry) -> Flags:
-    at = geometry.cells_of(places_m)
-    inside = geometry.contains(at)
-    found = np.zeros(len(at), np.bool_)
-    found[inside] = cells[at[inside, 0], at[inside, 1]]
-    return found

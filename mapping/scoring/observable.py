@@ -14,6 +14,7 @@ from mapping.fusion import FUSED
 from mapping.grid import GridGeometry
 from mapping.readings import Readings
 from mapping.scoring.truth import Truth
+from recorder.messages import Radiation
 
 Flags = NDArray[np.bool_]
 
@@ -34,11 +35,12 @@ def observable_cells(
     """By layer, the cells (rows, cols) that its sensors could see, walls included; and ``fused``.
 
     A cell counts where a straight way leads to it, within a beam's true cone and reach and past
-    no wall. The readings are those of :func:`with_silent_readings`, their ranges do not matter.
+    no wall. Light passes glass: it could see what is behind, and not the glass. The readings are
+    those of :func:`with_silent_readings`, their ranges do not matter.
     """
     from mapping.kernels.visibility import mark_seen
 
-    walls = truth.wall_cells(geometry)
+    to_sound, to_light = (truth.wall_cells(geometry, to_light=light) for light in (False, True))
     seen: dict[str, Flags] = {}
     across = math.hypot(*geometry.shape) + 1.0
     for readings in placed:
@@ -58,7 +60,12 @@ def observable_cells(
                 np.full(len(row), reach),
             ])  # fmt: skip
             cells = seen.setdefault(sensor.layer, np.zeros(geometry.shape, np.bool_))
-            mark_seen(cells, walls, beams)
+            if sensor.radiation is Radiation.ULTRASOUND:
+                mark_seen(cells, to_sound, beams)
+                continue
+            by_light = np.zeros(geometry.shape, np.bool_)
+            mark_seen(by_light, to_light, beams)
+            cells |= by_light & (to_light | ~to_sound)
     if seen:
         seen.setdefault(FUSED, np.logical_or.reduce(list(seen.values())))
     return seen

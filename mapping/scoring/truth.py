@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -17,7 +18,8 @@ Floats = NDArray[np.float64]
 class Truth(Protocol):
     """Walls as pieces (K, 2, 2) in metres, and which cells of any grid they are.
 
-    ``directed``: the pieces run as the walls do, and are not the sides of cells.
+    ``directed``: the pieces run as the walls do, and are not the sides of cells. ``glass_m`` are
+    those of them that light passes, (G, 2, 2): no light comes back from there.
     """
 
     @property
@@ -28,8 +30,12 @@ class Truth(Protocol):
     def directed(self) -> bool:
         """Whether lines can be held against the directions of the pieces."""
 
-    def wall_cells(self, geometry: GridGeometry) -> Flags:
-        """The cells (rows, cols) that a wall passes through."""
+    @property
+    def glass_m(self) -> Floats:
+        """The pieces (G, 2, 2) of glass, metres, map frame."""
+
+    def wall_cells(self, geometry: GridGeometry, *, to_light: bool = False) -> Flags:
+        """The cells (rows, cols) that a wall passes through; ``to_light``: one that stops light."""
 
     def open_cells(self, geometry: GridGeometry) -> Flags:
         """The cells (rows, cols) known to be free: within the walls, or free in the true map."""
@@ -37,16 +43,35 @@ class Truth(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class TrueWalls:
-    """Walls that are known exactly."""
+    """Walls that are known exactly; ``is_glass`` (K,) says which light passes, None: no wall."""
 
     walls_m: Floats
     directed: bool = True
+    is_glass: Flags | None = None
 
-    def wall_cells(self, geometry: GridGeometry) -> Flags:
+    @classmethod
+    def of(cls, walls_m: Floats, surfaces: Sequence[str]) -> TrueWalls:
+        """Walls (K, 2, 2), of which it is known what each is made of (or of none, where empty).
+
+        Raises BadInput for a surface that there is not.
+        """
+        from recorder.simulator.surfaces import wall_surfaces
+
+        made_of = wall_surfaces(surfaces)
+        return cls(walls_m, is_glass=None if made_of is None else ~made_of.opaque)
+
+    @property
+    def glass_m(self) -> Floats:
+        return np.zeros((0, 2, 2)) if self.is_glass is None else self.walls_m[self.is_glass]
+
+    def wall_cells(self, geometry: GridGeometry, *, to_light: bool = False) -> Flags:
         from mapping.kernels.visibility import mark_walls
 
         cells = np.zeros(geometry.shape, np.bool_)
-        ends = (self.walls_m - np.array(geometry.origin_m)) / geometry.resolution_m
+        walls_m = self.walls_m
+        if to_light and self.is_glass is not None:
+            walls_m = walls_m[~self.is_glass]
+        ends = (walls_m - np.array(geometry.origin_m)) / geometry.resolution_m
         mark_walls(cells, np.ascontiguousarray(ends.reshape(-1, 4)))
         return cells
 
@@ -77,7 +102,11 @@ class TrueMap:
         cells = np.array(ends, np.float64).reshape(-1, 2, 2)
         return np.asarray(cells * self.geometry.resolution_m + np.array(self.geometry.origin_m))
 
-    def wall_cells(self, geometry: GridGeometry) -> Flags:
+    @property
+    def glass_m(self) -> Floats:
+        return np.zeros((0, 2, 2))
+
+    def wall_cells(self, geometry: GridGeometry, *, to_light: bool = False) -> Flags:
         cells = self._looked_up(self.occupied, geometry)
         own = geometry.cells_of(self.geometry.centres_of(np.argwhere(self.occupied)))
         own = own[geometry.contains(own)]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,79 +27,90 @@ def merge_collinear(
     same way, as the borders of one side of a wall do.
     """
     done: list[FittedLine] = []
-    waiting = sorted(lines, key=lambda line: line.length_m)
-    spreads = [_Spread.of(line.points_m) for line in waiting]
-    while waiting:
-        line, spread = waiting.pop(), spreads.pop()
-        while waiting:
-            rms_m = _Spread.joined(spread, spreads)
-            partner, cost = _best_partner(line, waiting, rms_m, config, same_side)
+    waiting = _Waiting.of(sorted(lines, key=lambda line: line.length_m))
+    while waiting.lines:
+        line, spread = waiting.take(len(waiting.lines) - 1)
+        while waiting.lines:
+            partner, cost = waiting.best_partner(line, spread, config, same_side)
             if partner is None:
                 break
-            other = waiting.pop(partner)
-            del spreads[partner]
+            other, _ = waiting.take(partner)
             merged = _union(line, other)
-            spread = _Spread.of(merged.points_m)
+            spread = _spread(merged.points_m)
             _report(line, other, merged, cost, observe)
             line = merged
         done.append(line)
     return done
 
 
-@dataclass(frozen=True, slots=True)
-class _Spread:
-    """How many points there are, their mean, and the sums of xx, xy, yy about it."""
+def _spread(points_m: FloatArray) -> FloatArray:
+    """How many points there are, their mean, and the sums of xx, xy, yy about it: (6,)."""
+    mean = points_m.mean(axis=0)
+    x, y = (points_m - mean).T
+    return np.array([len(points_m), *mean, x @ x, x @ y, y @ y])
 
-    count: int
-    mean_m: tuple[float, float]
-    sums_m2: tuple[float, float, float]
+
+@dataclass(slots=True)
+class _Waiting:
+    """Lines that are not yet joined, and what is asked of them all: (N, ...) arrays."""
+
+    lines: list[FittedLine]
+    ends_m: FloatArray
+    along: FloatArray
+    spreads: FloatArray
 
     @classmethod
-    def of(cls, points_m: FloatArray) -> _Spread:
-        mean = points_m.mean(axis=0)
-        x, y = (points_m - mean).T
-        return cls(len(points_m), (mean[0], mean[1]), (float(x @ x), float(x @ y), float(y @ y)))
+    def of(cls, lines: list[FittedLine]) -> _Waiting:
+        ends = np.array([(line.start_m, line.end_m) for line in lines]).reshape(-1, 2, 2)
+        along = np.array([line.along for line in lines]).reshape(-1, 2)
+        spreads = np.array([_spread(line.points_m) for line in lines]).reshape(-1, 6)
+        return cls(list(lines), ends, along, spreads)
 
-    @staticmethod
-    def joined(one: _Spread, others: Sequence[_Spread]) -> FloatArray:
-        """Root mean square distances of its points and each other's from their common line, (N,).
+    def take(self, k: int) -> tuple[FittedLine, FloatArray]:
+        """A line and its spread, which waits no longer."""
+        spread = self.spreads[k].copy()
+        self.ends_m = np.delete(self.ends_m, k, axis=0)
+        self.along = np.delete(self.along, k, axis=0)
+        self.spreads = np.delete(self.spreads, k, axis=0)
+        return self.lines.pop(k), spread
+
+    def joint_rms_m(self, one: FloatArray) -> FloatArray:
+        """Root mean square distances of its points and each line's from their common line, (N,).
 
         But for rounding.
         """
-        count = np.array([other.count for other in others])
-        away = np.array([other.mean_m for other in others]) - one.mean_m
-        sums = np.array([other.sums_m2 for other in others]) + one.sums_m2
-        both = (one.count * count / (one.count + count))[:, None]
-        xx, xy, yy = (sums + both * (away[:, [0, 0, 1]] * away[:, [0, 1, 1]])).T
+        count = self.spreads[:, 0]
+        away = self.spreads[:, 1:3] - one[1:3]
+        both = (one[0] * count / (one[0] + count))[:, None]
+        sums = self.spreads[:, 3:] + one[3:] + both * (away[:, [0, 0, 1]] * away[:, [0, 1, 1]])
+        xx, xy, yy = sums.T
         across = 0.5 * (xx + yy) - np.hypot(0.5 * (xx - yy), xy)
-        rms_m: FloatArray = np.sqrt(np.maximum(across, 0.0) / (one.count + count))
+        rms_m: FloatArray = np.sqrt(np.maximum(across, 0.0) / (one[0] + count))
         return rms_m
 
-
-def _best_partner(
-    line: FittedLine, others: list[FittedLine], rms_m: FloatArray, config: SegmentsSection,
-    same_side: bool,
-) -> tuple[int | None, float]:  # fmt: skip
-    """The line that fits best with another one; ``rms_m`` (N,) are those of both, nearly."""
-    ends = np.array([[other.start_m, other.end_m] for other in others])
-    along = np.array([other.along for other in others])
-    cosine = along @ line.along
-    t = np.sort((ends - line.start_m) @ line.along, axis=1)
-    gap = np.maximum(t[:, 0] - line.length_m, -t[:, 1])
-    off = np.abs((ends - line.centre_m) @ line.normal).min(axis=1)
-    # Only what could pass is fitted: near in all senses, and turned by no more than a wall's noise.
-    likely = (gap <= config.gap_m) & (off <= 4.0 * config.epsilon_m) & (np.abs(cosine) > 0.8)
-    if same_side:
-        likely &= cosine > 0.0
-    found = np.flatnonzero(likely)
-    for k in found[np.argsort(rms_m[found], kind="stable")].tolist():
-        joint = fit_line(np.concatenate([line.points_m, others[k].points_m]))
-        cost = joint.rms_m / config.largest_rms_m
-        if cost >= 1.0:
-            break
-        if _gap_along(joint, line, others[k]) <= config.gap_m:
-            return k, cost
-    return None, 1.0
+    def best_partner(
+        self, line: FittedLine, spread: FloatArray, config: SegmentsSection, same_side: bool
+    ) -> tuple[int | None, float]:
+        """The line that fits best with another one, of that spread, and how well."""
+        cosine = self.along @ line.along
+        t = np.sort((self.ends_m - line.start_m) @ line.along, axis=1)
+        gap = np.maximum(t[:, 0] - line.length_m, -t[:, 1])
+        off = np.abs((self.ends_m - line.centre_m) @ line.normal).min(axis=1)
+        # Only what could pass is fitted: near in all senses, turned by no more than a wall's noise.
+        likely = (gap <= config.gap_m) & (off <= 4.0 * config.epsilon_m) & (np.abs(cosine) > 0.8)
+        if same_side:
+            likely &= cosine > 0.0
+        found = np.flatnonzero(likely)
+        rms_m = self.joint_rms_m(spread)[found]
+        for k in found[np.argsort(rms_m, kind="stable")].tolist():
+            other = self.lines[k]
+            joint = fit_line(np.concatenate([line.points_m, other.points_m]))
+            cost = joint.rms_m / config.largest_rms_m
+            if cost >= 1.0:
+                break
+            if _gap_along(joint, line, other) <= config.gap_m:
+                return k, cost
+        return None, 1.0
 
 
 def _gap_along(joint: FittedLine, a: FittedLine, b: FittedLine) -> float:

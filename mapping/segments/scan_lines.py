@@ -1,15 +1,14 @@
 """The walls that a laser scanner saw from many places: lines of each scan, joined over all scans.
 
 Each scan is cut into lines on its own, as its beams lie side by side. A line joins the wall that it
-continues: nearly parallel, seen from the same side, close across and not far along. Walls are kept
-as sums (number, mean, scatter of their points), so that joining costs the same however many points
-there are; the longest lines begin, as they point most surely.
+continues: nearly parallel, seen from the same side, close across and not far along
+(:mod:`mapping.line_kernels.walls`); the longest lines begin, as they point most surely.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,21 +36,18 @@ def segments_of_scans(
 
     Raises BadInput for a method that is not known.
     """
-    lines: list[FittedLine] = []
-    sources: list[int] = []
-    sides: list[float] = []
-    for beam in beams:
-        for line in _lines_of_scan(beam, config):
-            pose = beam.world_from_sensor
-            lines.append(line)
-            sources.append(beam.number)
-            sides.append(float((np.array([pose.x_m, pose.y_m]) - line.centre_m) @ line.normal))
-    order = sorted(range(len(lines)), key=lambda i: -lines[i].length_m)
-    walls = _Walls(config)
-    for i in order:
-        walls.add(lines[i], sides[i], sources[i])
+    found = [(line, beam) for beam in beams for line in _lines_of_scan(beam, config)]
+    found.sort(key=lambda each: -each[0].length_m)
     few = min(_FEWEST_SCANS, len(beams))
-    return [raw_segment(line, layer, config) for line in walls.joined(few)]
+    walls: dict[int, list[tuple[FittedLine, Beam]]] = {}
+    for number, each in zip(_walls_of(found, config), found, strict=True):
+        walls.setdefault(number, []).append(each)
+    return [
+        raw_segment(line, layer, config)
+        for of_wall in walls.values()
+        if len({beam.number for _, beam in of_wall}) >= few
+        for line in _pieces(np.concatenate([line.points_m for line, _ in of_wall]), config)
+    ]
 
 
 def of_lidar_only(layer: str, sensors: Iterable[Sensor]) -> bool:
@@ -89,90 +85,35 @@ def _lines_of_scan(beam: Beam, config: SegmentsSection) -> list[FittedLine]:
     return line_method(config.method).lines(placed, config, None)
 
 
-@dataclass(slots=True)
-class _Walls:
-    """Walls so far, as arrays over walls: sums of their points, direction, extent, side.
+def _walls_of(found: Sequence[tuple[FittedLine, Beam]], config: SegmentsSection) -> list[int]:
+    """The number of the wall that each line of a scan is of."""
+    if not found:
+        return []
+    from mapping.kernels.loops import walls_of_lines
 
-    ``normal`` points to where the sensor was.
-    """
-
-    config: SegmentsSection
-    points: list[list[FloatArray]] = field(default_factory=list)
-    scans: list[set[int]] = field(default_factory=list)
-    centre: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    along: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    extent: FloatArray = field(default_factory=lambda: np.empty((0, 2)))  # along, from the centre
-    count: FloatArray = field(default_factory=lambda: np.empty(0))
-    scatter: FloatArray = field(default_factory=lambda: np.empty((0, 2, 2)))
-
-    def add(self, line: FittedLine, side: float, scan: int) -> None:
-        """Join a line to the wall that it continues best, or begin a wall."""
-        along = line.along if side >= 0.0 else -line.along  # the sensor on the left
-        k = self._continued(line, along)
-        if k is None:
-            self._begin(line, along, scan)
-        else:
-            self._join(k, line, scan)
-
-    def joined(self, fewest_scans: int) -> list[FittedLine]:
-        """Each wall fitted to all of its points, cut where its pieces lie too far apart."""
-        out: list[FittedLine] = []
-        for points, scans in zip(self.points, self.scans, strict=True):
-            if len(scans) < fewest_scans:
-                continue
-            out += _pieces(np.concatenate(points), self.config)
-        return out
-
-    def _continued(self, line: FittedLine, along: FloatArray) -> int | None:
-        if not len(self.count):
-            return None
-        cosine = self.along @ along
-        normal = np.stack([-self.along[:, 1], self.along[:, 0]], axis=1)
-        ends = np.array([line.start_m, line.end_m])
-        off = ends[:, np.newaxis] - self.centre  # (2, walls, 2)
-        across = np.abs((off * normal).sum(axis=2)).max(axis=0)
-        t = np.sort((off * self.along).sum(axis=2), axis=0)
-        gap = np.maximum(t[0] - self.extent[:, 1], self.extent[:, 0] - t[1])
-        fits = (
-            (cosine > np.cos(_TURNED))
-            & (across <= _ACROSS * self.config.epsilon_m)
-            & (gap <= self.config.gap_m)
-        )
-        if not fits.any():
-            return None
-        return int(np.argmin(np.where(fits, across, np.inf)))
-
-    def _begin(self, line: FittedLine, along: FloatArray, scan: int) -> None:
-        d = line.points_m - line.centre_m
-        t = np.sort((np.array([line.start_m, line.end_m]) - line.centre_m) @ along)
-        self.points.append([line.points_m])
-        self.scans.append({scan})
-        self.centre = np.vstack([self.centre, line.centre_m])
-        self.along = np.vstack([self.along, along])
-        self.extent = np.vstack([self.extent, t])
-        self.count = np.append(self.count, len(line.points_m))
-        self.scatter = np.concatenate([self.scatter, (d.T @ d)[np.newaxis]])
-
-    def _join(self, k: int, line: FittedLine, scan: int) -> None:
-        """Add the line's points to a wall's sums; direction and extent follow from these."""
-        n, m = self.count[k], float(len(line.points_m))
-        mean = line.points_m.mean(axis=0)
-        d = line.points_m - mean
-        shift = mean - self.centre[k]
-        self.scatter[k] += d.T @ d + np.outer(shift, shift) * n * m / (n + m)
-        centre = (n * self.centre[k] + m * mean) / (n + m)
-        xx, xy, yy = self.scatter[k, 0, 0], self.scatter[k, 0, 1], self.scatter[k, 1, 1]
-        angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-        along = np.array([np.cos(angle), np.sin(angle)])
-        if along @ self.along[k] < 0.0:
-            along = -along
-        old_ends = self.centre[k] + self.extent[k][:, np.newaxis] * self.along[k]
-        ends = np.vstack([old_ends, line.start_m, line.end_m])
-        t = (ends - centre) @ along
-        self.centre[k], self.along[k], self.count[k] = centre, along, n + m
-        self.extent[k] = t.min(), t.max()
-        self.points[k].append(line.points_m)
-        self.scans[k].add(scan)
+    lines = [line for line, _ in found]
+    sensor = [beam.world_from_sensor for _, beam in found]
+    centre, along = (
+        np.array([getattr(line, name) for line in lines]) for name in ("centre_m", "along")
+    )
+    to_sensor = np.array([(pose.x_m, pose.y_m) for pose in sensor]) - centre
+    on_left = along[:, 0] * to_sensor[:, 1] - along[:, 1] * to_sensor[:, 0] >= 0.0
+    points, counts = (
+        np.concatenate([line.points_m for line in lines]),
+        [len(line.points_m) for line in lines],
+    )
+    begins = np.cumsum([0, *counts[:-1]])
+    mean = np.add.reduceat(points, begins) / np.array(counts)[:, None]
+    x, y = (points - np.repeat(mean, counts, axis=0)).T
+    sums = np.add.reduceat(np.column_stack([x * x, x * y, y * y]), begins)
+    table = np.column_stack([
+        [line.start_m for line in lines], [line.end_m for line in lines],
+        np.where(on_left[:, None], along, -along), counts, mean, sums,
+    ])  # fmt: skip
+    numbers: list[int] = walls_of_lines(
+        table, math.cos(_TURNED), _ACROSS * config.epsilon_m, config.gap_m
+    ).tolist()
+    return numbers
 
 
 def _pieces(points_m: FloatArray, config: SegmentsSection) -> list[FittedLine]:

@@ -51,7 +51,7 @@ def stretch_of(sensor: Sensor) -> float:
     Raises BadInput where there is no such model, or its band has no end.
     """
     model = choose(SENSOR_MODELS, sensor.model, "sensor model")
-    reach = reach_of(model, sensor)
+    reach = max(reach_of(model, each) for each in sensor.models)
     if not math.isfinite(reach):
         raise BadInput(f"sensor model {model.name!r}: its band has no end ({reach - 1.0} ranges)")
     return reach

@@ -46,6 +46,9 @@ class UpdateRule(Configurable):
     needs_a_view: ClassVar[bool] = False
     """True where a cell is held back until a beam passed through it: the first one may raise it."""
 
+    ignores: ClassVar[frozenset[str]] = frozenset()
+    """Keys of sensor models by which the rule does not go: it has its own idea of the evidence."""
+
     _configured: ParameterSection | None = None
 
     @property
@@ -65,6 +68,10 @@ class UpdateRule(Configurable):
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         """Keys of a sensor that suit this rule better than those of the catalogue, by kind."""
         return {}
+
+    def suits(self, kind: SensorKind, beam_width_deg: float) -> bool:
+        """Whether the rule may be chosen, by who names none, for a sensor with such a beam."""
+        return True
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         """Change ``cells``, the arrays over ``temp.window``, in place for one reading."""

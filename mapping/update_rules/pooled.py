@@ -12,23 +12,26 @@ from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from mapping.artifacts import TempGrid
 from mapping.numbers import expit
 from mapping.update_rules.base import Cells, Floats, UpdateRule
-from mapping.update_rules.pooled_weights import MEDIUM, Weights, weights_of
+from mapping.update_rules.pooled_weights import MEDIUM, Weights, given_weights, weights_of
 from mapping.update_rules.saturating import in_steps
+from recorder.errors import BadInput
+from recorder.messages import Radiation
 from recorder.sensors import SensorKind
 
 NEAR_M, MIDDLE_M = 0.2, 0.4  # misses nearer than the first, and from there to the second
 BEFORE_ARC_M = 0.15  # misses so close before an arc
 THIN, THIN_M = 0.01, 0.01  # the arc itself ends so much behind the range, relative and in metres
 FARTHEST_MISS_M, FARTHEST_HIT_M = 0.6, 1.5  # the nearest ones count no farther than this
-LIMITS = NEAR_M, MIDDLE_M, BEFORE_ARC_M, THIN, THIN_M
+LIMITS = NEAR_M, MIDDLE_M, BEFORE_ARC_M, THIN, THIN_M, FARTHEST_MISS_M
 """What the kernel is given of these, in its order."""
 LEAST = 0.01  # hits and misses together: what one reading at 7 m counts
 MOST = 13.8  # log-odds that no sums pass
+WIDEST_LIGHT_DEG = 15.0  # the weights of light are those of a thin beam: in a cone they free walls
 _HALF_DIAGONAL = 0.7072
 _ROUNDING_M = 1e-9
 
@@ -49,34 +52,49 @@ class Pooled(UpdateRule):
     name = "pooled"
     per_sample = False
     needs_a_view = True
+    ignores = frozenset({"regions", "gaussian", "p_hit", "p_miss", "hit", "miss", "near", "fade_m"})
     start: ClassVar[dict[str, float]] = {
         "hits": 0.0, "misses": 0.0, "on_arc": 0.0, "before_arc": 0.0, "misses_near": 0.0,
         "misses_middle": 0.0, "nearest_miss_m": FARTHEST_MISS_M, "nearest_hit_m": FARTHEST_HIT_M,
     }  # fmt: skip
 
     class Parameters(UpdateRule.Parameters):
-        weights: str = Field(
-            "", description="sonar, infrared, laser, or a TOML file of weights (docs/rules.md)"
+        weights: str | dict[str, float | dict[str, float]] = Field(
+            "", description="sonar, infrared, laser, a TOML file of weights, or a table of them"
         )
+
+        @field_validator("weights")
+        @classmethod
+        def _can_be_used(cls, weights: Any) -> Any:
+            if isinstance(weights, dict):
+                try:
+                    given_weights(weights)
+                except BadInput as error:
+                    raise ValueError(str(error)) from None
+            return weights
 
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return {"weights": MEDIUM[kind.radiation]}
 
+    def suits(self, kind: SensorKind, beam_width_deg: float) -> bool:
+        return kind.radiation is Radiation.ULTRASOUND or beam_width_deg <= WIDEST_LIGHT_DEG
+
     @property
     def learned(self) -> Weights:
         """The weights in force. Raises BadInput where their file cannot be used."""
-        return weights_of(self.parameters.weights or "sonar")
+        given = self.parameters.weights
+        return weights_of(given or "sonar") if isinstance(given, str) else given_weights(given)
 
     def merge(self, cells: Cells, temp: TempGrid) -> None:
-        rho, range_m = _distances(temp)
+        x_m, y_m, rho, range_m = _distances(temp)
         band, arc_end = temp.band, arc_end_m(range_m, temp.geometry.resolution_m)
         band = band & np.isfinite(range_m)
         free = temp.free & (temp.probability != 0.5) & ~band
         fade_m = self.learned.fade_m
         seen = np.isfinite(range_m) & (range_m <= temp.beam.mark_to_m)
-        for name, those, metres in (("hits", band, range_m), ("misses", free, rho)):
-            share = in_steps(1.0 / (1.0 + np.square(metres / fade_m)))
-            cells[name] += np.where(those, share, 0.0)
+        faded = np.square(x_m * (1.0 / fade_m))[None, :] + np.square(y_m * (1.0 / fade_m))[:, None]
+        cells["hits"] += np.where(band, in_steps(1.0 / (1.0 + np.square(range_m / fade_m))), 0.0)
+        cells["misses"] += np.where(free, in_steps(1.0 / (1.0 + faded)), 0.0)
         cells["on_arc"] += band & (rho <= arc_end + _ROUNDING_M)
         cells["before_arc"] += free & seen & (rho > range_m - BEFORE_ARC_M)
         cells["misses_near"] += free & (rho < NEAR_M)
@@ -115,17 +133,17 @@ def arc_end_m(range_m: Floats, cell_m: float) -> Floats:
     return range_m * (1.0 + THIN) + max(THIN_M, _HALF_DIAGONAL * cell_m)
 
 
-def _distances(temp: TempGrid) -> tuple[Floats, Floats]:
-    """How far each cell of a window is from the sensor, and the range of the axis nearest to it."""
+def _distances(temp: TempGrid) -> tuple[Floats, Floats, Floats, Floats]:
+    """How far columns, rows and cells are from the sensor, and the range of the nearest axis."""
     (x0, y0), size, window = temp.geometry.origin_m, temp.geometry.resolution_m, temp.window
     origin, beam = temp.beam.world_from_sensor, temp.beam
-    x_m = (np.arange(window.cols) + window.col0 + 0.5) * size + x0 - origin.x_m
-    y_m = (np.arange(window.rows) + window.row0 + 0.5) * size + y0 - origin.y_m
-    rho = np.sqrt(np.square(x_m)[None, :] + np.square(y_m)[:, None])
+    x_m = (np.arange(window.cols, dtype=np.float64) + window.col0 + 0.5) * size + x0 - origin.x_m
+    y_m = (np.arange(window.rows, dtype=np.float64) + window.row0 + 0.5) * size + y0 - origin.y_m
+    rho: Floats = np.sqrt(np.square(x_m)[None, :] + np.square(y_m)[:, None])
     if len(beam.ranges_m) == 1:
-        return rho, np.full(rho.shape, float(beam.ranges_m[0]))
+        return x_m, y_m, rho, np.full(rho.shape, float(beam.ranges_m[0]))
     directions = np.arctan2(y_m[:, None], x_m[None, :])
-    return rho, beam.ranges_m[_nearest_axis(directions, beam.headings_rad)]
+    return x_m, y_m, rho, beam.ranges_m[_nearest_axis(directions, beam.headings_rad)]
 
 
 def _nearest_axis(directions_rad: Floats, headings_rad: Floats) -> NDArray[np.int64]:

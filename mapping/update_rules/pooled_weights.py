@@ -59,6 +59,21 @@ def weights_of(name: str) -> Weights:
     return _checked(tables[table], name)
 
 
+def given_weights(table: Mapping[str, Any]) -> Weights:
+    """Those of a table of a configuration. BadInput where it cannot be used."""
+    return _checked(table, "weights")
+
+
+def as_table(weights: Weights) -> dict[str, Any]:
+    """The same as a table, in six digits: what a file or a configuration holds."""
+
+    def rounded(values: Mapping[str, float]) -> dict[str, float]:
+        return {name: float(f"{value:.6g}") for name, value in values.items()}
+
+    own = {name: getattr(weights, name) for name in ("fade_m", "most_unpassed", "bias")}
+    return {**rounded(own), "weights": rounded(weights.of)}
+
+
 def _tables(file: Path) -> dict[str, Any]:
     with reading(file, "TOML"):
         return tomllib.loads(read_text(file, "TOML"))

@@ -25,14 +25,15 @@ from mapping.update_rules.rules import (
 if TYPE_CHECKING:
     from mapping.kernels.batch.readings import Place
 
+LANES = 16  # as in the kernels' ``batch/steps.py``
 STEP = np.float64(2.0**-24)  # of log-odds
 
 
 class Target(NamedTuple):
     """A map, or a window of it, as the batch kernels take it.
 
-    ``array`` is (rows, a multiple of 16) steps of log-odds, or (K, rows, cols) for a rule of K
-    arrays; ``place`` is where its first cell lies.
+    ``array`` is (rows, a multiple of 16) steps of log-odds, or (K, rows, a multiple of 16) for a
+    rule of K arrays; ``place`` is where its first cell lies.
     """
 
     array: NDArray[Any]
@@ -64,17 +65,18 @@ class MapState:
             and not rule.against_largest
         )
         self._steps: NDArray[np.int32] | None = None
-        self._stack = np.zeros((0, *geometry.shape))
+        self._stack = blank_stack(0, *geometry.shape)
         self._arrays: Cells = {}
         if type(rule).merge is Bayes.merge and forget_s is None:
             from mapping.kernels.batch import steps
 
             self._steps = steps.blank(geometry.rows, geometry.cols)
         elif type(rule) in (type(known) for known in BUILT_IN_RULES):
-            self._stack = np.empty((len(rule.start), *geometry.shape))
-            self._arrays = dict(zip(rule.start, self._stack, strict=True))
+            self._stack = blank_stack(len(rule.start), *geometry.shape)
+            self._arrays = dict(zip(rule.start, self._stack[:, :, : geometry.cols], strict=True))
             for name, value in rule.start.items():
-                self._arrays[name][...] = value
+                if value:  # zeros take no memory until a reading comes
+                    self._arrays[name][...] = value
         else:
             self._arrays = {k: np.full(geometry.shape, v) for k, v in rule.start.items()}
         self._observed = np.zeros(geometry.shape, np.bool_)
@@ -123,7 +125,7 @@ class MapState:
         self._follow_largest(temp.window, before)
         cells, sums = self._cut(temp.window), None
         if old is not None:
-            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule.terms)
+            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule)
         probability = self.rule.probability(cells, self._largest).astype(np.float32)
         values = probability
         if not self._values_are_probabilities:
@@ -153,9 +155,11 @@ class MapState:
         observed = self._observed[window.slices].copy()
         place = self._place(window.row0, window.col0)
         if self._steps is None:
-            cut = self._stack[:, *window.slices].copy()
+            cut = blank_stack(len(self._stack), window.rows, window.cols)
+            own = cut[:, :, : window.cols]
+            own[...] = self._stack[:, *window.slices]
             kernel(Target(cut, observed, place))
-            self._stack[:, *window.slices] = cut
+            self._stack[:, *window.slices] = own
         else:
             from mapping.kernels.batch import steps
 
@@ -231,6 +235,11 @@ class MapState:
             self._largest = now
         elif before >= self._largest:
             self._largest = float(self.rule.values(self.cells).max(initial=0.0))
+
+
+def blank_stack(arrays: int, rows: int, cols: int) -> Floats:
+    """Zeros (arrays, rows, a multiple of 16)."""
+    return np.zeros((arrays, rows, -(-cols // LANES) * LANES))
 
 
 def _exported(array: Floats) -> NDArray[np.float32]:

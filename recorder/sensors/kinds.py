@@ -81,7 +81,8 @@ class SensorKind:
     between; each is where their numbers come from.
 
     ``range_error`` is relative, and what the chapter's models take; ``model`` and ``parameters``
-    are the sensor model that suits the kind and its numbers by name, which the mapping checks.
+    are the sensor model that suits the kind and its numbers by name, which the mapping checks;
+    ``update`` is the update rule that scored best with them.
     ``no_echo`` is what a reading without an obstacle does to the map. ``invalid_m`` are ranges
     that stand for "no valid reading". ``mount`` is where the sensor sits unless the session or the
     configuration places it.
@@ -100,6 +101,7 @@ class SensorKind:
     no_echo: str
     faults: Faults
     sources: Mapping[str, str]
+    update: str = "bayes"
     mount: SE2 = IDENTITY
     scan: ScanPattern | None = None
     invalid_m: tuple[float, ...] = ()

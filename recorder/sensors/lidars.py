@@ -11,7 +11,10 @@ _lidar = partial(
     SensorKind, radiation=Radiation.LASER, beam_width_deg=1.0, range_error=0.01, model="fading",
     model_parameters=fading_light(0.01), no_echo="empties",
 )  # fmt: skip
-_MODEL = {"model_parameters": "those of an infrared ranger, the band by the range error"}
+_MODEL = {
+    "model_parameters": "those of an infrared ranger, the band by the range error",
+    "update": "`pooled` has no weights of its own for lasers, and no fast way for scans",
+}
 
 KINDS = (
     _lidar(

@@ -11,11 +11,11 @@ from recorder.sensors.kinds import FADING_SOUND, Faults, SensorKind
 
 _sonar = partial(
     SensorKind, radiation=Radiation.ULTRASOUND, model="fading", model_parameters=FADING_SOUND,
-    no_echo="skipped",
+    update="pooled", no_echo="skipped",
 )  # fmt: skip
 _USUAL = Faults(error=0.01, error_m=0.005, short_share=0.02, lost_share=0.08)
 _SHARED = {
-    "model_parameters": "tuned on simulated rooms",
+    "model_parameters update": "tuned, and compared, on simulated rooms",
     "faults": "a usual cheap sonar: 1 % and 5 mm, 2 % too short, about a tenth without echo",
 }
 _SOUND = "the speed of sound, not corrected over 20 K (0.18 % a kelvin)"

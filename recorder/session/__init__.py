@@ -8,19 +8,35 @@ records, and several files are read as one. No other package imports mcap.
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from recorder.errors import BadInput
 from recorder.session.join import join_sessions
 from recorder.session.opening import session_files
-from recorder.session.parts import Limits, PartedWriter
 from recorder.session.reader import Session, SessionReader
 from recorder.session.scan import MAGIC
-from recorder.session.writer import SessionWriter
+
+if TYPE_CHECKING:
+    from recorder.session.parts import Limits, PartedWriter
+    from recorder.session.writer import SessionWriter
 
 __all__ = [
     "Limits", "PartedWriter", "Session", "SessionReader", "SessionWriter", "looks_like_session",
     "read_session", "session_files",
 ]  # fmt: skip
+
+
+def __getattr__(name: str) -> Any:
+    """What writes is loaded by those who write."""
+    if name == "SessionWriter":
+        from recorder.session.writer import SessionWriter
+
+        return SessionWriter
+    if name in ("Limits", "PartedWriter"):
+        from recorder.session import parts
+
+        return getattr(parts, name)
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 def read_session(path: Path, *more: Path) -> Session:

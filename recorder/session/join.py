@@ -16,7 +16,7 @@ from itertools import groupby
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput
 from recorder.messages import BASE_FRAME, Odometry, Pose, Range, Record, Scan, Transform
-from recorder.session.parts import PART, repeated_as
+from recorder.session.part_names import PART, repeated_as
 from recorder.session.reader import Session
 
 _APART_NS = 60 * NS_PER_S  # longer than any gap between poses that is bridged

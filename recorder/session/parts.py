@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import errno
 import itertools
-import re
 import secrets
 import shutil
 import threading
@@ -21,11 +20,11 @@ from typing import Self
 
 from recorder.clock import NS_PER_S
 from recorder.errors import BadInput, OutputExists
-from recorder.messages import Message, Odometry, Pose, Transform
+from recorder.messages import Message
+from recorder.session.part_names import PART, parts_beside, repeated_as
 from recorder.session.writer import SessionWriter
 
 BYTES_PER_MB = 1_000_000
-PART = "part"  # the key of the metadata with the number of the part
 _LOOK_AT_DISK_EACH_S = 1.0
 
 
@@ -209,28 +208,3 @@ class PartedWriter:
 def part_path(path: Path, number: int) -> Path:
     """The name of a part: NAME.mcap, NAME-2.mcap, NAME-3.mcap."""
     return path if number == 1 else path.with_name(f"{path.stem}-{number}{path.suffix}")
-
-
-def parts_beside(path: Path, number: int = 1) -> list[Path]:
-    """The files that are named as other parts of the recording whose part ``number`` is ``path``.
-
-    In order. Only the names are looked at.
-    """
-    first = path.stem if number == 1 else re.sub(r"(?<=.)-[0-9]+$", "", path.stem)
-    name = re.compile(rf"{re.escape(first)}(?:-([2-9]|[1-9][0-9]+))?{re.escape(path.suffix)}")
-    found = [(name.fullmatch(each.name), each) for each in path.parent.glob("*" + path.suffix)]
-    numbered = [(int(match[1] or 1), each) for match, each in found if match is not None]
-    return [each for _, each in sorted(numbered) if each.name != path.name]
-
-
-def repeated_as(message: Message) -> tuple[str, ...] | None:
-    """What of the past a part must know by itself; a newer message of the same key replaces it."""
-    match message:
-        case Transform():
-            return ("transform", message.parent, message.child)
-        case Pose():
-            return ("pose",)
-        case Odometry():
-            return ("odometry",)
-        case _:
-            return None

@@ -75,6 +75,19 @@ def load_room(name_or_path: str | Path) -> Room:
         raise BadInput(f"{file}: {error}") from None
 
 
+def named_walls(given: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """The walls (K, 2, 2) of a built-in room by name or of a GeoJSON file, and their surfaces.
+
+    Raises BadInput, in one line, for what is neither.
+    """
+    if given in ROOMS:
+        return ROOMS[given].walls_m, ROOMS[given].surfaces
+    file = Path(given)
+    if not file.exists() and file.suffix.lower() not in (".json", ".geojson"):
+        raise BadInput(f"no room {given!r} and no such file; {did_you_mean(given, ROOMS)}")
+    return read_surfaced_walls(file)
+
+
 def parse_route(text: str, room: Room, seed: int = 0) -> NDArray[np.float64]:
     """``"x,y;x,y;..."`` in metres → waypoints (N, 2), or a route by its name.
 

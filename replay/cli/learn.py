@@ -15,8 +15,9 @@ from recorder.names import printable
 @click.command(epilog="Example:  echogrid learn run.mcap --walls room -o sensors.toml")
 @click.argument("sessions", nargs=-1, required=True, type=options.INPUT)
 @click.option(
-    "--walls", metavar="ROOM",
-    help="True walls: a room's name or a GeoJSON file. Default: those that the sessions carry.",
+    "--walls", metavar="ROOM", multiple=True,
+    help="True walls: a room's name or a GeoJSON file; one for all sessions, or repeated, one for "
+    "each in order. Default: those that the sessions carry.",
 )  # fmt: skip
 @click.option(
     "--trust", metavar="SENSOR", help="Without walls: this sensor's map is taken as true."
@@ -26,6 +27,10 @@ from recorder.names import printable
     help="The robot stood so far from a wall, by tape measure: one distance a session, in order.",
 )  # fmt: skip
 @click.option("--sensor", "only", multiple=True, help="Only this sensor; repeatable.")
+@click.option(
+    "--weights", is_flag=True,
+    help="With true walls: also how strong its evidence should be, tried on rooms kept out.",
+)  # fmt: skip
 @config_options
 @click.option(
     "-o", "--output", type=options.FILE, help="The sensor file for `map --config`: .toml."
@@ -36,10 +41,10 @@ from recorder.names import printable
 @options.force
 @options.quiet
 def learn(
-    sessions: tuple[Path, ...], walls: str | None, trust: str | None, distances: str | None,
-    only: tuple[str, ...], configs: tuple[Path, ...], settings: tuple[str, ...],
-    preset: str | None, output: Path | None, page: Path | None, csv_file: Path | None,
-    as_json: bool, force: bool, quiet: bool,
+    sessions: tuple[Path, ...], walls: tuple[str, ...], trust: str | None,
+    distances: str | None, only: tuple[str, ...], weights: bool, configs: tuple[Path, ...],
+    settings: tuple[str, ...], preset: str | None, output: Path | None, page: Path | None,
+    csv_file: Path | None, as_json: bool, force: bool, quiet: bool,
 ) -> int:  # fmt: skip
     """Learn what a sensor is like: how far off and how often wrong.
 
@@ -49,11 +54,15 @@ def learn(
     import json
 
     from mapping.config import load_config
+    from recorder.errors import BadInput
     from replay.learning import text
     from replay.learning.page import page as page_of
     from replay.learning.run import learn as run
+    from replay.learning.strengths import strengths
     from replay.tables import text_table
 
+    if weights and (trust or distances):
+        raise BadInput("--weights needs true walls: no --trust and no --distance")
     _check(sessions, {".toml": output, ".html": page, ".csv": csv_file}, force=force)
     config = load_config(configs, settings, preset)
     with progress_bar(f"learning from {sessions[0].name}", quiet=quiet):
@@ -61,14 +70,17 @@ def learn(
             sessions, config, walls=walls, trust=trust, distances_m=_distances(distances),
             only=only,
         )  # fmt: skip
+        strong = strengths(sessions, config, learned, walls=walls, only=only) if weights else []
     names = [path.name for path in sessions]
     if as_json:
-        click.echo(json.dumps(text.as_json(learned), indent=1, allow_nan=False))
+        click.echo(json.dumps(text.as_json(learned, strong), indent=1, allow_nan=False))
     elif not quiet:
         for each in learned:
             lines = [*text_table(text.table(each)), *text.verdict(each), ""]
             click.echo("\n".join(printable(line, most=400) for line in lines))
-    _write(output, text.sensor_file(learned, names))
+        for layer in strong:
+            click.echo("\n".join(printable(line, most=400) for line in text.worth(layer)))
+    _write(output, text.sensor_file(learned, names, strong))
     _write(page, page_of(learned, names))
     _write(csv_file, text.csv(learned))
     if not quiet and not as_json:

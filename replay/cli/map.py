@@ -108,10 +108,12 @@ def map_(
     Several files are one session: its parts, or runs of one robot in one place.
     """
     from mapping.config import load_config
-    from mapping.plugins import load_plugin
 
-    for plugin in plugins:
-        load_plugin(plugin)
+    if plugins:
+        from mapping.plugins import load_plugin
+
+        for plugin in plugins:
+            load_plugin(plugin)
     extra = [*settings]
     if pose is not None:
         extra.append(f"pose.fixed=[{pose}]")

@@ -24,13 +24,15 @@ from mapping.learning.sensors import LearnedSensor, check_enough, learn_sensor
 from mapping.pipeline import geometry_of
 from mapping.placed_session import PlacedSession, place_session
 from mapping.readings import Readings
-from mapping.scoring.held_out import Judged, as_occupied, held_out, judge
+from mapping.scoring.held_out import BlockScores, Judged, as_occupied, held_out, judge
 from recorder.columns import Floats
 from recorder.errors import BadInput
 from recorder.messages import Radiation
 from recorder.session.columns import open_session
+from recorder.simulator.rooms import named_walls
 from recorder.simulator.surfaces import wall_surfaces
-from recorder.truth import read_surfaced_walls, true_surfaces, true_walls
+from recorder.truth import true_surfaces, true_walls
+from replay.learning.strengths import walls_of_each
 
 _RAY_RAD = math.radians(2.0)
 _THIN_RAD = math.radians(0.5)
@@ -41,33 +43,35 @@ def learn(
     sessions: Sequence[Path],
     config: MappingConfig,
     *,
-    walls: str | None = None,
+    walls: Sequence[str] = (),
     trust: str | None = None,
     distances_m: Sequence[float] = (),
     only: Sequence[str] = (),
 ) -> list[LearnedSensor]:
     """What the sensors of some sessions are like, each sensor of all sessions together.
 
-    Against ``walls`` (a room's name or a GeoJSON file) or those that the sessions carry; else
+    Against ``walls`` (a room's name or a GeoJSON file; one for all sessions, or one for each in
+    order) or those that the sessions carry; else
     against the map that ``trust``, one of the sensors, makes, or that each makes itself. With
     ``distances_m``, one to a session, the sensor stood that far from a wall. Raises BadInput, in
     one line, where nothing can be learned.
     """
     known: dict[str, list[KnownRanges]] = {}
     bases: set[str] = set()
-    if distances_m and (walls is not None or trust is not None):
+    if distances_m and (walls or trust is not None):
         raise BadInput("the distances of a tape measure need neither walls nor a trusted sensor")
-    if walls is not None and trust is not None:
+    if walls and trust is not None:
         raise BadInput("give walls or a trusted sensor, not both")
     if distances_m and len(distances_m) != len(sessions):
         raise BadInput(
             f"{len(distances_m)} distances for {len(sessions)} sessions: give one of each, in order"
         )
+    given = walls_of_each(walls, sessions)
     for number, path in enumerate(sessions):
         if distances_m:
             found, against = _by_tape(path, config, distances_m[number]), "a tape measure"
         else:
-            found, against = _known(path, config, walls, trust)
+            found, against = _known(path, config, given[number], trust)
         bases.add(against)
         for each in found:
             if not only or each.sensor.name in only:
@@ -87,7 +91,7 @@ def learn(
             check_enough(joined)
             fitted = learn_sensor(joined, against, own_map=own_map)
             if against not in ("true walls", "a tape measure"):
-                fitted = replace(fitted, tuned=_tuned(sessions[0], config, fitted))
+                fitted = replace(fitted, tuned=_tuned(sessions, config, fitted))
             learned.append(fitted)
         except BadInput as error:
             reasons.append(str(error))
@@ -103,7 +107,7 @@ def _known(
     placed = place_session(session, as_measured(config))
     names = list(placed.sensors)
     if walls is not None:
-        walls_m, surfaces = _walls(walls)
+        walls_m, surfaces = named_walls(walls)
     else:
         own_m = true_walls(session.attachments)
         if own_m is None or trust is not None:
@@ -114,25 +118,29 @@ def _known(
     return [from_walls(placed, n, walls_m, through=through) for n in names], "true walls"
 
 
-def _tuned(path: Path, config: MappingConfig, learned: LearnedSensor) -> dict[str, float]:
+def _tuned(
+    sessions: Sequence[Path], config: MappingConfig, learned: LearnedSensor
+) -> dict[str, float]:
     """The depth of the band with which the map predicts the readings best, if surely better.
 
     A map blurs what it is learned from, so a spread by it is no measure of the band: the readings
-    that were kept out are. Only models with such a band have it.
+    that were kept out are, of all sessions together. Only models with such a band have it.
     """
     sensor = learned.sensor
     if sensor.model != "fading":
         return {}
     keys = ("behind",) if sensor.radiation is Radiation.ULTRASOUND else ("before", "behind")
-    best, best_score, first = dict[str, float](), None, None
-    for depth in (None, *_BANDS):
-        settings = {} if depth is None else dict.fromkeys(keys, depth)
-        judged = _held_out_with(path, config, sensor.name, settings)
-        scores = judged.of_sensors([sensor.name])
-        if first is None or best_score is None:
-            first, best_score = judged, scores.mean
-        elif scores.mean > best_score and judged.gain_over(first, [sensor.name]).low > 0.0:
-            best, best_score = settings, scores.mean
+    first = [_held_out_with(path, config, sensor.name, {}) for path in sessions]
+    best, most = dict[str, float](), 0.0
+    for depth in _BANDS:
+        settings = dict.fromkeys(keys, depth)
+        judged = [_held_out_with(path, config, sensor.name, settings) for path in sessions]
+        pairs = [one.paired(other, [sensor.name])
+                 for one, other in zip(judged, first, strict=True)]  # fmt: skip
+        before, after = (BlockScores.joined(each) for each in zip(*pairs, strict=True))
+        gain = after.gain_over(before)
+        if gain.mean > most and gain.low > 0.0:
+            best, most = settings, gain.mean
     return best
 
 
@@ -144,14 +152,6 @@ def _held_out_with(
     changed = config.model_copy(update={"sensors": sensors})
     placed = place_session(open_session(path), changed)
     return held_out(placed, changed, geometry_of(placed, config))
-
-
-def _walls(given: str) -> tuple[Floats, tuple[str, ...]]:
-    from recorder.simulator.rooms import ROOMS
-
-    if given in ROOMS:
-        return ROOMS[given].walls_m, ROOMS[given].surfaces
-    return read_surfaced_walls(Path(given))
 
 
 def _by_map(

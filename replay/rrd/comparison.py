@@ -13,8 +13,7 @@ from collections.abc import Sequence
 import rerun as rr
 import rerun.blueprint as rrb
 
-from mapping.artifacts import MergedGrid, Snapshot, Started, TempGrid
-from mapping.beams import Beam
+from mapping.artifacts import Snapshot, Started
 from mapping.config_text import commented_toml
 from replay.comparison import Variant
 from replay.comparison_steps import Distances, Moment, beams_of
@@ -22,7 +21,7 @@ from replay.rrd import columns, layout, scene
 from replay.rrd.blueprints import comparison_blueprint
 from replay.rrd.canvas import Canvas
 from replay.rrd.comparison_explanation import Compared, describe_moment
-from replay.rrd.run_drawer import RunDrawer
+from replay.rrd.run_drawer import OF_READINGS, RunDrawer
 from replay.rrd.sink import RowBuffer, Sink, Stamp
 from replay.rrd.thinning import Detail
 from replay.rrd.writer import RrdWriter
@@ -84,7 +83,7 @@ class ComparisonDrawer:
         for name, artifact in moment.items():
             if isinstance(artifact, Snapshot) and artifact.final:
                 self._finals[name].append(artifact)
-        of_reading = (isinstance(a, Beam | TempGrid | MergedGrid) for a in moment.values())
+        of_reading = (isinstance(a, OF_READINGS) for a in moment.values())
         if detail.shown or not any(of_reading):
             self._explain(moment, detail.left_out)
 

@@ -19,6 +19,7 @@ from mapping.artifacts import (
     LineStage,
     MergedGrid,
     RawPoints,
+    RejectedReading,
     Segment,
     Snapshot,
     Started,
@@ -27,6 +28,7 @@ from mapping.artifacts import (
     TracerStep,
 )
 from mapping.beams import Beam
+from mapping.filters import FILTERS
 from mapping.fusion import FUSED
 from replay.colours import in_place, sensor_colour_names
 from replay.probe_text import moved_by
@@ -136,6 +138,8 @@ def _temp(temp: TempGrid) -> str:
     if not in_band and not in_front:
         return f"## Reading {temp.beam.number} is no evidence\n\nIt touches no cell of the map."
     lines = [f"## Reading {temp.beam.number}: the evidence of {temp.beam.sensor} for each cell\n"]
+    if temp.beam.model:
+        lines.append(f"{temp.beam.sensor} has several models: this is the one {temp.beam.model}.\n")
     if in_band:
         lines.append(
             f"- **Red, {in_band:,} cells**: the obstacle may be here. Probability of being "
@@ -172,6 +176,19 @@ def _merged(merged: MergedGrid) -> str:
         f"{percent(before[row, col])} to **{percent(after[row, col])}**{by_sums}.\n\n"
         f"Of the {after.size:,} cells around this beam, {above:,} are now "
         f"rather occupied and {below:,} rather free."
+    )
+
+
+def _rejected(rejected: RejectedReading) -> str:
+    beam, known = rejected.beam, FILTERS[rejected.filter]
+    expected = f"{rejected.expected_m:.3f} m" if math.isfinite(rejected.expected_m) else "nothing"
+    why = known.explained.format(
+        sensor=beam.sensor, of=rejected.of, before=rejected.of - 1, expected=f"**{expected}**"
+    )
+    return (
+        f"## A reading of {beam.sensor} is left out: {_measured(beam)}\n\n{why}\n\nCounted as "
+        f"*{rejected.reason}*. It changes no cell; its beam is drawn in pink. The filter is set by "
+        f'`sensors.{beam.sensor}.filter = "{rejected.filter}"`.'
     )
 
 
@@ -311,7 +328,7 @@ def layer_of(artifact: Artifact) -> str:
     match artifact:
         case Snapshot():
             return artifact.layer.name
-        case TempGrid():
+        case TempGrid() | RejectedReading():
             return artifact.beam.layer
         case Started() | Classes() | Finished():
             return ""
@@ -319,7 +336,8 @@ def layer_of(artifact: Artifact) -> str:
 
 
 _DESCRIBED: dict[type[Artifact], Callable[..., str]] = {
-    Started: _started, Beam: _beam, TempGrid: _temp, MergedGrid: _merged, Snapshot: _snapshot,
+    Started: _started, Beam: _beam, TempGrid: _temp, MergedGrid: _merged,
+    RejectedReading: _rejected, Snapshot: _snapshot,
     Thresholded: _thresholded, Classes: _classes, Border: _border, RawPoints: _raw_points,
     TracerStep: _tracer_step, LineStage: _line_stage, Segment: _segment, Finished: _finished,
 }  # fmt: skip

@@ -80,6 +80,7 @@ PALE_BORDER: Colour = opaque(colours.pale(colours.BORDER, 0.6))
 OCCUPIED: Colour = (*colours.ABOVE_THRESHOLD, 150)
 ROBOT_COLOUR: Colour = opaque(colours.ROBOT)
 PATH_COLOUR: Colour = (*colours.ROBOT, 150)
+REJECTED: Colour = opaque(colours.REJECTED)
 PROBE: Colour = (255, 0, 255, 255)
 PAPER: Colour = (245, 245, 240, 255)
 INK: Colour = (70, 75, 90, 255)
@@ -136,6 +137,7 @@ def _below(name: str) -> Callable[[str], str]:
 
 
 merged = _below("merged")  # the root of its tiles
+rejected = _below("rejected")  # the newest reading that a filter left out
 temp = _below("temp")  # the evidence of the newest reading, over the map
 change = _below("what_changed")  # what the newest reading changed, over the map
 beam = _below("beam")  # the outline of the newest one

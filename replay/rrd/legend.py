@@ -10,7 +10,15 @@ import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import NDArray
 
-from mapping.artifacts import Artifact, Classes, Finished, MergedGrid, Started, TempGrid
+from mapping.artifacts import (
+    Artifact,
+    Classes,
+    Finished,
+    MergedGrid,
+    RejectedReading,
+    Started,
+    TempGrid,
+)
 from mapping.beams import Beam
 from mapping.fusion import FUSED
 from replay import colours
@@ -68,6 +76,9 @@ class LegendOverlay:
             case Beam() | TempGrid() | MergedGrid():
                 if shown:
                     self._draw(canvas, [*_GREYS, *_EVIDENCE, _ROBOT, *self._sensors, *self._walls])
+            case RejectedReading():
+                if shown:
+                    self._draw(canvas, [*_GREYS, _REJECTED, _ROBOT, *self._sensors, *self._walls])
             case _:
                 self._draw(canvas, [*_GREYS, *_RESULTS, *self._sensors, *self._walls])
         return ""
@@ -105,6 +116,7 @@ _EVIDENCE = (
     Swatch("obstacle may be here", layout.MORE_OCCUPIED),
     Swatch("beam passed through", layout.MORE_FREE),
 )
+_REJECTED = Swatch("left out by a filter", layout.REJECTED, _LINE)
 _ROBOT = Swatch("robot and path", layout.ROBOT_COLOUR, _LINE)
 _LINES = Swatch("wall that was found", layout.SEGMENT, _LINE)
 _RESULTS = (

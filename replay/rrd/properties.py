@@ -35,6 +35,7 @@ def note_start(sink: Sink, started: Started, config_text: str) -> None:
         cells=f"{geometry.cols} x {geometry.rows}",
         cell_m=geometry.resolution_m,
         duration_s=round((started.last_t_ns - started.first_t_ns) / 1e9, 3),
+        rules=", ".join(f"{sensor.name} {sensor.update}" for sensor in started.sensors),
         configuration=config_text,
     )
 

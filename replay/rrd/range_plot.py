@@ -42,7 +42,7 @@ ECHO, NOTHING, TOO_CLOSE, NO_POSE, DROPPED = range(5)
 STATES = ("echo", "nothing seen", "too close", "no pose", "dropped")
 _STATE_COLOURS: dict[int, Colour] = {
     NOTHING: (125, 130, 140, 255), TOO_CLOSE: (240, 210, 60, 255), NO_POSE: (214, 39, 40, 255),
-    DROPPED: (230, 110, 150, 255),
+    DROPPED: layout.REJECTED,
 }  # fmt: skip
 _OF_REASON = {
     "saw nothing (skipped)": NOTHING, "too close": TOO_CLOSE, "zero or negative": TOO_CLOSE,

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.artifacts import MergedGrid, TempGrid
+from mapping.artifacts import MergedGrid, RejectedReading, TempGrid
 from mapping.beams import Beam
 from mapping.grid import Window
 from replay.rrd import columns, layout, scene
@@ -28,13 +28,7 @@ T = TypeVar("T")
 def draw_beam(canvas: Canvas, beam: Beam) -> None:
     """The robot, its sensor's beam and obstacle points, and the range in the plot."""
     canvas.wipe()
-    base = beam.world_from_base
-    length = _ARROW_SHARE * float(np.hypot(*canvas.geometry.size_m))
-    towards = length * np.array([np.cos(base.heading_rad), np.sin(base.heading_rad)])
-    here = np.array([base.x_m, base.y_m])
-    # It ends at the robot: in front of it, it would cover the evidence of a near reading.
-    canvas.add(layout.ROBOT, columns.arrows, np.stack([here - towards, towards]))
-    canvas.leave(layout.PATH, here[None], scene.set_up_path)
+    _draw_robot(canvas, beam)
     outline = beam_outline(beam)
     entity = layout.of_sensor(layout.beam(beam.layer), beam.layer, beam.sensor)
     canvas.prepare(entity, scene.set_up_beam, canvas.colour(beam.sensor))
@@ -42,6 +36,31 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
     _draw_points(canvas, beam)
     _draw_range(canvas, beam)
     _record(canvas, beam)
+
+
+def _draw_robot(canvas: Canvas, beam: Beam) -> None:
+    """Where it stands and which way it faces, and one more dot of its path."""
+    base = beam.world_from_base
+    length = _ARROW_SHARE * float(np.hypot(*canvas.geometry.size_m))
+    towards = length * np.array([np.cos(base.heading_rad), np.sin(base.heading_rad)])
+    here = np.array([base.x_m, base.y_m])
+    # It ends at the robot: in front of it, it would cover the evidence of a near reading.
+    canvas.add(layout.ROBOT, columns.arrows, np.stack([here - towards, towards]))
+    canvas.leave(layout.PATH, here[None], scene.set_up_path)
+
+
+def draw_rejected(canvas: Canvas, rejected: RejectedReading) -> None:
+    """The robot, and the beam of a reading that a filter left out; nothing of it stays."""
+    canvas.wipe()
+    beam = rejected.beam
+    _draw_robot(canvas, beam)
+    outline = beam_outline(beam)
+    entity = layout.rejected(beam.layer)
+    canvas.prepare(entity, scene.set_up_beam, layout.REJECTED)
+    canvas.add_for_now(entity, columns.strips, outline, _NO_STRIPS, sum(s.nbytes for s in outline))
+    echo = f"{entity}/echo"
+    canvas.prepare(echo, scene.set_up_points, layout.REJECTED)
+    canvas.add_for_now(echo, columns.points, beam.points_m, np.zeros((0, 2)))
 
 
 def draw_temp(canvas: Canvas, temp: TempGrid) -> None:

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import rerun.blueprint as rrb
 
-from mapping.artifacts import Artifact, Finished, MergedGrid, Started, TempGrid
+from mapping.artifacts import Artifact, Finished, MergedGrid, RejectedReading, Started, TempGrid
 from mapping.beams import Beam
 from mapping.config import MappingConfig
 from mapping.config_text import commented_toml
@@ -32,6 +32,7 @@ from replay.rrd.steps import StepList
 from replay.rrd.thinning import Detail
 from replay.rrd.thresholds import ThresholdsOverlay
 
+OF_READINGS = Beam | TempGrid | MergedGrid | RejectedReading
 _PLOTTED_A_MB = 60  # points of a sensor in the plot of ranges, for each megabyte that there is
 
 
@@ -101,13 +102,15 @@ class RunDrawer:
         step, stamp = self.canvas.stamp.step + 1, self.canvas.stamp
         if isinstance(artifact, Beam):
             stamp = Stamp(step, artifact.number, artifact.t_ns)
+        elif isinstance(artifact, RejectedReading):
+            stamp = Stamp(step, artifact.beam.number, artifact.beam.t_ns)
         self.draw_at(Stamp(step, stamp.reading, stamp.t_ns), artifact, detail)
 
     def draw_at(self, stamp: Stamp, artifact: Artifact, detail: Detail) -> None:
         """Draw an artifact at a step; of a reading that is not shown the map still takes all."""
         canvas, layers = self.canvas, self._layers
         canvas.stamp = stamp
-        shown = detail.shown or not isinstance(artifact, Beam | TempGrid | MergedGrid)
+        shown = detail.shown or not isinstance(artifact, OF_READINGS)
         texts = [each.draw(canvas, artifact, shown=shown) for each in self._overlays]
         match artifact:
             case Beam():
@@ -125,6 +128,11 @@ class RunDrawer:
                 layers.merge(artifact, shown=shown, exact=detail.exact)
                 if shown and detail.changes:
                     readings.draw_change(canvas, artifact)
+            case RejectedReading():
+                self._results.clear()
+                layers.set_up(artifact.beam.layer)
+                if shown:
+                    readings.draw_rejected(canvas, artifact)
             case Finished():
                 self._results.finish(readings.draw_end(canvas))
                 texts.append(detail.left_out)

@@ -8,6 +8,7 @@ the map frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 
 import numpy as np
 import rerun as rr
@@ -201,8 +202,18 @@ def set_up_opaque(sink: Sink, entity: str, named: Sequence[Named]) -> None:
 
 
 def _colour_table(sink: Sink, entity: str, named: Sequence[Named]) -> None:
-    infos = [rr.AnnotationInfo(number, name, colour) for number, name, colour in named]
-    sink.log(entity, rr.AnnotationContext(infos))
+    sink.log(entity, _annotations(tuple(named)))
+
+
+@lru_cache(maxsize=64)
+def _annotations(named: tuple[Named, ...]) -> rr.AnnotationContext:
+    """Layers share their tables, and one takes milliseconds to put together."""
+    return rr.AnnotationContext([_annotation(*each) for each in named])
+
+
+@lru_cache(maxsize=4096)
+def _annotation(number: int, name: str, colour: Colour) -> rr.AnnotationInfo:
+    return rr.AnnotationInfo(number, name, colour)
 
 
 def _dots(sink: Sink, entity: str, colour: Colour, radius: float, order: float) -> None:

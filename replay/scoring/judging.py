@@ -18,9 +18,8 @@ from mapping.scoring.layers import LayerScore, score_layer
 from mapping.scoring.observable import observable_cells, with_silent_readings
 from mapping.scoring.truth import TrueMap, TrueWalls, Truth
 from recorder.errors import BadInput
-from recorder.names import did_you_mean
 from recorder.session.columns import open_session
-from recorder.truth import read_walls, true_walls
+from recorder.truth import true_surfaces, true_walls
 from replay.diff.comparing import config_of
 from replay.diff.layers import FREE, OCCUPIED, MapLayer, Source
 from replay.diff.sources.opening import open_map
@@ -79,17 +78,20 @@ def open_truth(given: str) -> Truth:
 
     Raises BadInput, in one line, for all else.
     """
-    from recorder.simulator.rooms import ROOMS
+    from recorder.simulator.rooms import named_walls
 
-    if given in ROOMS:
-        return TrueWalls(ROOMS[given].walls_m)
     file = Path(given)
     if file.suffix.lower() in _MAPS:
         (layer,) = open_map(file).layers.values()
         return TrueMap(layer.geometry, layer.classes == OCCUPIED, layer.classes == FREE)
-    if not file.exists() and file.suffix.lower() not in (".json", ".geojson"):
-        raise BadInput(f"no room {given!r} and no such file; {did_you_mean(given, ROOMS)}")
-    return TrueWalls(read_walls(file))
+    return _surfaced(file, *named_walls(given))
+
+
+def _surfaced(file: Path, walls_m: Floats, surfaces: Sequence[str]) -> TrueWalls:
+    try:
+        return TrueWalls.of(walls_m, surfaces)
+    except BadInput as error:
+        raise BadInput(f"{file}: {error}") from None
 
 
 def judge_map(
@@ -135,7 +137,8 @@ def score_source(
     if opened is not None and truth is None:
         own_m = true_walls(opened.attachments)
         if own_m is not None:
-            truth, truth_name = TrueWalls(own_m), f"the walls that {opened.path.name} carries"
+            truth = _surfaced(opened.path, own_m, true_surfaces(opened.attachments))
+            truth_name = f"the walls that {opened.path.name} carries"
     made_here = source.path == session
     if truth is None and not made_here:
         raise BadInput(f"{source.path}: what is true? --walls ROOM, GEOJSON or MAP.yaml")

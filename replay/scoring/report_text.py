@@ -19,6 +19,10 @@ def summary(report: ScoreReport) -> list[str]:
     if report.layers:
         lines += [f"{report.path.name} against {report.truth_name}", f"judged over {report.basis}"]
         lines += ["", *text_table(_cell_rows(report))]
+        glass = [f"{each.score.layer} {each.score.cells.glass_m:.1f} m"
+                 for each in report.layers if each.score.cells.glass_m > 0.0]  # fmt: skip
+        if glass:
+            lines += ["", f"glass that light went through, not judged: {', '.join(glass)}"]
         found = _line_rows(report)
         if len(found) > 1:
             lines += ["", *text_table(found, left=(0, 1))]

@@ -13,8 +13,10 @@ from mapping.diagnosis.causes.pose_time import PoseTime
 from mapping.diagnosis.causes.poses import Poses
 from mapping.diagnosis.causes.ranges import RangeScale
 from mapping.diagnosis.causes.silence import Silence
+from mapping.diagnosis.causes.smoothing import Smoothing
+from mapping.diagnosis.causes.wrong_echoes import WrongEchoes
 
 CAUSES: tuple[Cause, ...] = (
     Channels(), Silence(), Poses(), PoseTime(), Headings(), Drift(), Mount(), RangeScale(), Cones(),
-    CrossTalk(), Mirrors(),
+    CrossTalk(), Mirrors(), Smoothing(), WrongEchoes(),
 )  # fmt: skip

@@ -78,6 +78,7 @@ class Cause:
 
     name: ClassVar[str]
     title: ClassVar[str]
+    needs_walls: ClassVar[bool] = True  # to examine: walls that thin beams can draw
 
     def candidates(self, case: Case) -> Iterator[Candidate]:
         """The numbers that the search may free."""

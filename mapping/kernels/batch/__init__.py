@@ -4,8 +4,8 @@ Every loop also runs on a blank window of one reading, and gives there what the 
 watched step and a batch come to the same bytes by construction. Log-odds are whole steps of 2^-24
 (``steps``), so their sums are the same in any order until a cell reaches its clamp. ``readings``
 is what goes in; ``spans`` the cells of a beam; ``fading``, ``regions``, ``counts``, ``masses``,
-``axis`` and ``lidar`` what each kind of model and rule adds. Loops take ``part`` of ``parts``:
-each part owns every so-many-th row, so threads share nothing and change no bit.
+``axis`` and ``lidar`` what each kind of model and rule adds. Loops take the rows that they own,
+a band of neighbouring ones or every so-many-th, so threads share nothing and change no bit.
 
 Three traps of numba are met in every file. int32 + int32 is int64 unless it is cast back, and that
 halves the speed. An index that may be negative is checked, and that keeps a loop from being

@@ -62,10 +62,10 @@ def add_axes(
 ) -> None:  # fmt: skip
     """Add readings, in their order: ``miss`` less along each axis, ``hit`` more at its end.
 
-    ``certainty`` (rows, cols) stays in 0 .. ``most``; ``observed`` gets the cells that changed.
+    ``certainty`` (rows, cols or more) stays in 0 .. ``most``; ``observed`` gets what changed.
     (What else a reading's model says something of is ``counts.add_bands`` with NOTHING.)
     """
-    rows, cols = certainty.shape
+    rows, cols = observed.shape
     touched = np.full((rows, cols), -1, np.int64)
     widths = widths_of(half_widths)
     xs, ys, headings, ranges, fronts, bands, names = readings

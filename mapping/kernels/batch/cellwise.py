@@ -36,10 +36,10 @@ from mapping.kernels.batch.spans import (
     WIDEST_RAD,
     Beam,
     beam_between,
-    box_of,
+    is_beyond,
+    obstacle_cell,
     part_of_beam,
-    point_cell,
-    rows_of_part,
+    rows_of_band,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -150,12 +150,12 @@ def _merge(
 @loop
 def _add_reading(
     cells: Floats, observed: Flags, place: Place, beam: Beam, sensor: Floats, angle: Floats,
-    distance: Floats, range_m: float, start_m: float, end_m: float, rule: int, part: int,
-    parts: int, point_row: int, point_col: int,
+    distance: Floats, range_m: float, start_m: float, end_m: float, rule: int,
+    box: tuple[int, int, int, int], point_row: int, point_col: int,
 ) -> None:  # fmt: skip
-    """The rows of one reading that belong to a part, but for the cell of its point."""
-    row0, row1, col0, col1 = box_of(beam, place, observed.shape[0], observed.shape[1])
-    for row in range(row0 + (part - (row0 - place.row0)) % parts, row1, parts):
+    """Some rows of one reading, but for the cell of its point."""
+    row0, row1, col0, col1 = box
+    for row in range(row0, row1):
         dy, r = (row + 0.5) * place.size_m + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
             dx, c = (col + 0.5) * place.size_m + place.origin_x_m - beam.x, col - place.col0
@@ -172,9 +172,9 @@ def _add_reading(
 @free_loop
 def add_cellwise(
     cells: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats,
-    angles: Floats, distances: Floats, rule: int, part: int, parts: int,
+    angles: Floats, distances: Floats, rule: int, begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Add readings, in their order, to the rows part, part + parts, ... of a map.
+    """Add readings, in their order, to the rows begin to end - 1 of a map.
 
     ``cells`` (K, rows, cols) is the rule's: the sum alone (SUM), or the masses occupied, empty,
     unknown and the conflict (MASSES), or evidence for and against (EVIDENCE). ``observed`` (rows,
@@ -185,16 +185,18 @@ def add_cellwise(
     widths = widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
+        if is_beyond(ys[i], max(fronts[i], bands[i]), place, begin, end):
+            continue
         name = names[i]
         sensor, angle, distance = sensors[name], angles[name], distances[name]
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, name)
-        box, _, count = rows_of_part(beam, place, rows, cols, part, parts)
+        box, _, count = rows_of_band(beam, place, rows, cols, begin, end)
         if beam.half <= WIDEST_RAD and count > 0:
-            spans_of_rows(beam, place, box, parts, spans, doubt)
-        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
-                              count, spare)  # fmt: skip
+            spans_of_rows(beam, place, box, 1, spans, doubt)
+        row, col = obstacle_cell(beam, place, rows, cols, ranges[i], bands[i], begin, end, spans,
+                                 count, spare)  # fmt: skip
         _add_reading(cells, observed, place, beam, sensor, angle, distance, ranges[i], fronts[i],
-                     bands[i], rule, part, parts, row, col)  # fmt: skip
+                     bands[i], rule, box, row, col)  # fmt: skip
         if row >= 0:
             p = probability(
                 sensor, angle, distance, ranges[i], 0.0, True, ranges[i], fronts[i], bands[i]

@@ -17,10 +17,10 @@ from mapping.kernels.batch.spans import (
     WIDEST_RAD,
     Beam,
     beam_between,
-    box_of,
+    is_beyond,
+    obstacle_cell,
     part_of_beam,
-    point_cell,
-    rows_of_part,
+    rows_of_band,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -45,18 +45,18 @@ def _gain(values: Floats, row: int, first: int, after: int, what: int) -> None:
 
 @loop
 def _add_wide(
-    values: Floats, seen: Bits, place: Place, beam: Beam, what: int, with_free: bool, part: int,
-    parts: int,
+    values: Floats, seen: Bits, place: Place, beam: Beam, what: int, with_free: bool,
+    box: tuple[int, int, int, int],
 ) -> None:  # fmt: skip
     """The rows of a beam of 180 degrees and more, each cell looked at on its own."""
-    row0, row1, col0, col1 = box_of(beam, place, values.shape[0], values.shape[1])
-    for row in range(row0 + (part - (row0 - place.row0)) % parts, row1, parts):
+    row0, row1, col0, col1 = box
+    for row in range(row0, row1):
         dy, own = (row + 0.5) * place.size_m + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
             dx, c = (col + 0.5) * place.size_m + place.origin_x_m - beam.x, col - place.col0
             found = part_of_beam(beam, dx, dy)
             if found == BAND or (found != OUTSIDE and with_free):
-                mark(seen, own // parts, c, c, c, c + 1, True)
+                mark(seen, own, c, c, c, c + 1, True)
             if found == BAND:
                 _gain(values, own, c, c + 1, what)
 
@@ -64,36 +64,38 @@ def _add_wide(
 @free_loop
 def add_bands(
     values: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats, what: int,
-    part: int, parts: int,
+    begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Add readings, in their order, to the rows part, part + parts, ... of a map.
+    """Add readings, in their order, to the rows begin to end - 1 of a map.
 
-    ``values`` and ``observed`` are (rows, cols); the latter gets the cells of which anything was
-    said. ``sensors`` (S, 2) holds half the beam's width, and 1 where a sensor's model says
+    ``values`` is (rows, cols or more), ``observed`` (rows, cols) gets the cells of which anything
+    was said. ``sensors`` (S, 2) holds half the beam's width, and 1 where a sensor's model says
     something of the cells in front. ``what``: COUNT, BINARY, or NOTHING (only ``observed``).
     """
-    rows, cols = values.shape
+    rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
-    seen, widths = blank_seen(rows, cols, part, parts), widths_of(sensors[:, HALF_WIDTH])
+    seen, widths = blank_seen(rows, cols, 0, 1), widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
+        if is_beyond(ys[i], max(fronts[i], bands[i]), place, begin, end):
+            continue
         half, with_free = sensors[names[i], HALF_WIDTH], sensors[names[i], WITH_FREE] != 0.0
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
-        box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
+        box, first, count = rows_of_band(beam, place, rows, cols, begin, end)
         if half <= WIDEST_RAD and count > 0:
-            spans_of_rows(beam, place, box, parts, spans, doubt)
-        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
-                              count, spare)  # fmt: skip
+            spans_of_rows(beam, place, box, 1, spans, doubt)
+        row, col = obstacle_cell(beam, place, rows, cols, ranges[i], bands[i], begin, end, spans,
+                                 count, spare)  # fmt: skip
         if row >= 0:
-            mark(seen, row // parts, col, col, col, col + 1, True)
+            mark(seen, row, col, col, col, col + 1, True)
             _gain(values, row, col, col + 1, what)
         if half > WIDEST_RAD:
-            _add_wide(values, seen, place, beam, what, with_free, part, parts)
+            _add_wide(values, seen, place, beam, what, with_free, box)
             continue
         shift = place.col0
-        mark_rows(seen, first // parts, count, shift, spans, with_free)
+        mark_rows(seen, first, count, shift, spans, with_free)
         for k in range(count):
-            row = first + k * parts
+            row = first + k
             _gain(values, row, spans[0, k] - shift, spans[1, k] - shift, what)
             _gain(values, row, spans[2, k] - shift, spans[3, k] - shift, what)
-    mark_seen(seen, observed, part, parts)
+    mark_seen(seen[begin:end], observed[begin:end], 0, 1)

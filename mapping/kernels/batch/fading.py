@@ -31,9 +31,10 @@ from mapping.kernels.batch.spans import (
     WIDEST_RAD,
     Beam,
     beam_between,
+    is_beyond,
+    obstacle_cell,
     part_of_beam,
-    point_cell,
-    rows_of_part,
+    rows_of_band,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -201,35 +202,34 @@ _add_plain_rows = add_plain_rows_in_lanes if WITH_LANES else add_plain_rows_plai
 @loop
 def _add_wedge(
     cells: Steps, seen: Bits, place: Place, beam: Beam, miss: float, near: float, fade: float,
-    hit: int, rows: tuple[int, int, int], box: tuple[int, int, int, int], spans: Steps,
-    bell: Singles, square: Singles, row_bell: Singles, row_square: Singles,
+    hit: int, first: int, count: int, box: tuple[int, int, int, int], spans: Steps, bell: Singles,
+    square: Singles, row_bell: Singles, row_square: Singles,
 ) -> None:  # fmt: skip
-    """Some rows of one beam: first and step in the map and how many, ``spans`` being theirs."""
-    first, step, count = rows
-    mark_rows(seen, first // step, count, place.col0, spans, miss != 0.0)
+    """The ``count`` rows of one beam from row ``first`` of the map on, ``spans`` being theirs."""
+    mark_rows(seen, first, count, place.col0, spans, miss != 0.0)
     if near == 0.0 and beam.limit < fade * FLAT:
         plain = np.int32(np.rint(max(miss, _LEAST)))
-        _add_plain_rows(cells, first, step, count, place.col0, spans, plain, hit)
+        _add_plain_rows(cells, first, 1, count, place.col0, spans, plain, hit)
         return
     start, end = (box[2] - place.col0) // LANES * LANES, -((place.col0 - box[3]) // LANES) * LANES
     gaussians(start + place.col0, end - start, 1, place.size_m, place.origin_x_m - beam.x,
               fade, bell[start:end], square[start:end])  # fmt: skip
-    gaussians(first + place.row0, count, step, place.size_m, place.origin_y_m - beam.y, fade,
+    gaussians(first + place.row0, count, 1, place.size_m, place.origin_y_m - beam.y, fade,
               row_bell, row_square)  # fmt: skip
-    _add_rows(cells, first, step, count, place.col0, spans, bell, square, row_bell, row_square,
+    _add_rows(cells, first, 1, count, place.col0, spans, bell, square, row_bell, row_square,
               miss, near, hit)  # fmt: skip
 
 
 @loop
 def _add_wide(
     cells: Steps, seen: Bits, place: Place, beam: Beam, miss: float, near: float, fade: float,
-    hit: int, box: tuple[int, int, int, int], parts: int, bell: Singles, square: Singles,
-    row_bell: Singles, row_square: Singles,
+    hit: int, box: tuple[int, int, int, int], bell: Singles, square: Singles, row_bell: Singles,
+    row_square: Singles,
 ) -> None:  # fmt: skip
     """The same for a beam of 180 degrees and more, each cell looked at on its own."""
     (row0, row1, col0, col1), size = box, place.size_m
     gaussians(place.col0, bell.size, 1, size, place.origin_x_m - beam.x, fade, bell, square)
-    for row in range(row0, row1, parts):
+    for row in range(row0, row1):
         gaussians(row, 1, 1, size, place.origin_y_m - beam.y, fade, row_bell, row_square)
         dy, own = (row + 0.5) * size + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
@@ -238,7 +238,7 @@ def _add_wide(
                 continue
             a = col - place.col0
             g = a + 1 if found == FRONT else a
-            mark(seen, own // parts, a, a, g, a + 1, miss != 0.0)
+            mark(seen, own, a, a, g, a + 1, miss != 0.0)
             add_row(cells, own, bell, square, a, a, g, a + 1, miss, near * row_bell[0],
                     _UNIT + row_square[0], hit)  # fmt: skip
 
@@ -246,9 +246,9 @@ def _add_wide(
 @free_loop
 def add_fading(
     cells: Steps, observed: Flags, place: Place, readings: Readings, sensors: Floats,
-    part: int, parts: int,
+    begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Add readings, in their order, to the rows part, part + parts, ... of a map.
+    """Add readings, in their order, to the rows begin to end - 1 of a map.
 
     ``cells`` (rows, a multiple of ``LANES``) are steps of log-odds, ``observed`` (rows, cols) gets
     the cells of which anything was said. ``sensors`` (S, 5) holds half the beam's width and
@@ -258,29 +258,31 @@ def add_fading(
     bell, square = np.empty(stride, np.float32), np.empty(stride, np.float32)
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     row_bell, row_square = np.empty(doubt.size, np.float32), np.empty(doubt.size, np.float32)
-    seen = blank_seen(rows, cols, part, parts)
+    seen = blank_seen(rows, cols, 0, 1)
     widths = widths_of(sensors[:, HALF_WIDTH])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
+        if is_beyond(ys[i], max(fronts[i], bands[i]), place, begin, end):
+            continue
         name = names[i]
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, name)
         fade, faded = sensors[name, FADE], ranges[i] / sensors[name, FADE]
         miss = np.float32(-sensors[name, MISS] * ONE)
         near = np.float32(-sensors[name, MISS] * sensors[name, NEAR] * ONE)
         hit = np.int32(np.rint(min(sensors[name, HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
-        box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
+        box, first, count = rows_of_band(beam, place, rows, cols, begin, end)
         if count > 0 and beam.half <= WIDEST_RAD:
-            spans_of_rows(beam, place, box, parts, spans, doubt)
-        point_row, point_col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part,
-                                          parts, spans, count, spare)  # fmt: skip
+            spans_of_rows(beam, place, box, 1, spans, doubt)
+        point_row, point_col = obstacle_cell(beam, place, rows, cols, ranges[i], bands[i], begin,
+                                             end, spans, count, spare)  # fmt: skip
         before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
         if count > 0 and beam.half <= WIDEST_RAD:
-            _add_wedge(cells, seen, place, beam, miss, near, fade, hit, (first, parts, count), box,
-                       spans, bell, square, row_bell, row_square)  # fmt: skip
+            _add_wedge(cells, seen, place, beam, miss, near, fade, hit, first, count, box, spans,
+                       bell, square, row_bell, row_square)  # fmt: skip
         elif count > 0:
-            _add_wide(cells, seen, place, beam, miss, near, fade, hit, box, parts, bell, square,
-                      row_bell, row_square)  # fmt: skip
+            _add_wide(cells, seen, place, beam, miss, near, fade, hit, box, bell, square, row_bell,
+                      row_square)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             cells[point_row, point_col] = min(np.int32(before + hit), HIGHEST)
-            mark(seen, point_row // parts, point_col, point_col, point_col, point_col + 1, True)
-    mark_seen(seen, observed, part, parts)
+            mark(seen, point_row, point_col, point_col, point_col, point_col + 1, True)
+    mark_seen(seen[begin:end], observed[begin:end], 0, 1)

@@ -1,10 +1,12 @@
 """Laser scans as thin rays with `fading` and Bayes' rule: each cell once a scan, hits win.
 
 A ray runs along x or y, whichever it does more, and takes the cell in which it crosses the middle
-of each column (row) between the sensor's and the obstacle's. Rays of one such quarter that come in
-the order of their directions cross the k-th column in that order too, so a cell that the last ray
-there took is known by one comparison, without a look at the map. Only near the four diagonals,
-where two quarters meet, a cell may be met from both: these few are marked.
+of each column (row) between the sensor's and the obstacle's. All it does there is to set the
+scan's bit in the cell's byte: that is once a scan, however many rays run through. After eight
+scans the bits are counted, eight cells at a time, and many scans later the counts become log-odds:
+losses of the same size may wait, for their sum held at the clamp is what they come to one by one.
+A cell with an obstacle is brought up to date before its hit. Where a loss depends on the place of
+the sensor nothing waits, and the scan's box is gone through at once.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from mapping.kernels.batch.fading import FADE, FLAT, MISS, NEAR, gaussians
 from mapping.kernels.batch.lanes import free_loop, inlined_loop, loop
 from mapping.kernels.batch.lidar import _hit_of
 from mapping.kernels.batch.readings import Place, ScanAxes, Scans
-from mapping.kernels.batch.steps import CLAMP, HIGHEST, LOWEST, ONE
+from mapping.kernels.batch.steps import CLAMP, HIGHEST, LANES, LOWEST, ONE
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -27,184 +29,276 @@ Singles = NDArray[np.float32]
 Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 Bytes = NDArray[np.uint8]
+Eights = NDArray[np.uint64]  # the bytes of eight cells
+Box = tuple[int, int, int, int]  # first row, row after the last, the same of columns
 
 FRACTION = 32  # bits of a cell's 2^32 parts: slopes and places along a ray are whole numbers
 _WHOLE = float(1 << FRACTION)
-_NOWHERE = np.int32(-(1 << 30))
+_LINE = 64  # bytes that the cache moves at once
+_SCANS, _COUNTS = 8, 31  # bits of a byte; 31 times 8 still fits into one
+_ODD, _PAIRS, _HALVES = (
+    np.uint64(k * 0x0101010101010101) for k in (0x55, 0x33, 0x0F)
+)  # fmt: skip
+_1, _2, _4 = np.uint64(1), np.uint64(2), np.uint64(4)
 # Columns of the table of a scan's rays.
-QUARTER, SLOPE, BEGIN, COUNT, END_ROW, END_COL, INSIDE = range(7)
+CELL, ALONG, ACROSS, SLOPE, BEGIN, FIRST, AFTER = range(7)
+
+
+@loop
+def _end_of(
+    x: float, y: float, heading: float, range_m: float, own: tuple[int, int], place: Place
+) -> tuple[int, int, bool, int, int, int]:
+    """A ray's last row and column; does it run along x, how many steps, slope, and where it begins.
+
+    The slope is how far a ray gets across with each step along, the begin where it is across, from
+    the sensor's row or column on, at step 0; both in 2^-32 of a cell.
+    """
+    size, (row0, col0) = place.size_m, own
+    x_cells, y_cells = (x - place.origin_x_m) / size, (y - place.origin_y_m) / size
+    c, s = math.cos(heading), math.sin(heading)
+    col = math.floor((x + range_m * c - place.origin_x_m) / size)
+    row = math.floor((y + range_m * s - place.origin_y_m) / size)
+    along_x = abs(c) >= abs(s)
+    if along_x:
+        slope, across = s / abs(c), y_cells - row0
+        off = (col0 + 0.5 - x_cells) if c > 0.0 else (x_cells - col0 - 0.5)
+        count = abs(col - col0)
+    else:
+        slope, across = c / abs(s), x_cells - col0
+        off = (row0 + 0.5 - y_cells) if s > 0.0 else (y_cells - row0 - 0.5)
+        count = abs(row - row0)
+    begin = math.floor((across + off * slope) * _WHOLE)
+    return row, col, along_x, count, math.floor(slope * _WHOLE + 0.5), begin
+
+
+@loop
+def _steps_inside(
+    own: int, ahead: int, size: int, own_across: int, size_across: int, slope: int, begin: int,
+    count: int,
+) -> tuple[int, int]:  # fmt: skip
+    """The first of a ray's steps 1 .. count - 1 that lies in the grid, and the one after the last.
+
+    ``own`` and ``own_across`` are the sensor's row and column, along the ray and across.
+    """
+    first = max(1, -own if ahead > 0 else own - size + 1)
+    after = min(count, size - own if ahead > 0 else own + 1)
+    low: Any = (np.int64(-own_across) << FRACTION) - begin  # of what the slope adds up to
+    high: Any = (np.int64(size_across - own_across) << FRACTION) - 1 - begin
+    if after <= first or (low <= first * slope <= high and low <= (after - 1) * slope <= high):
+        return first, after
+    if slope == 0:
+        return first, first
+    steepness = abs(slope)
+    low, high = (low, high) if slope > 0 else (-high, -low)
+    return max(first, -(-low // steepness)), min(after, high // steepness + 1)
 
 
 @loop
 def _rays_of(
-    axis: Integers, bearings: Floats, heading: float, x: float, y: float, ranges: Floats,
-    fronts: Floats, place: Place, rows: int, cols: int, rays: Integers,
-) -> None:  # fmt: skip
-    """Fill ``rays`` (A, 7): how each runs, in whole numbers; a COUNT of -1 where it says nothing.
+    axes: ScanAxes, heading: float, x: float, y: float, ranges: Floats, fronts: Floats,
+    place: Place, rows: int, cols: int, width: int, rays: Integers, ends: Integers,
+) -> tuple[int, Box]:  # fmt: skip
+    """Fill ``rays`` (A, 7) with how each that says something runs through the rows of ``width``.
 
-    Quarters are 0 to 3: along +x, +y, -x, -y. The slope is how far a ray gets across with each
-    step along, BEGIN where it is across, from the sensor's row or column on, at step 0.
+    ``ends`` (A, 2) get row and column of the obstacles' cells. Returns how many rays there are,
+    the sensor's cell being one of them, and the box that holds their cells.
     """
     size = place.size_m
-    x_cells, y_cells = (x - place.origin_x_m) / size, (y - place.origin_y_m) / size
-    col0, row0 = math.floor(x_cells), math.floor(y_cells)
-    for j in range(axis.size):
-        k = axis[j]
-        c, s = math.cos(bearings[k] + heading), math.sin(bearings[k] + heading)
-        col = math.floor((x + ranges[k] * c - place.origin_x_m) / size)
-        row = math.floor((y + ranges[k] * s - place.origin_y_m) / size)
-        if abs(c) >= abs(s):
-            quarter, slope, across = 0 if c > 0.0 else 2, s / abs(c), y_cells - row0
-            off = (col0 + 0.5 - x_cells) if c > 0.0 else (x_cells - col0 - 0.5)
-            count = abs(col - col0)
+    own = (math.floor((y - place.origin_y_m) / size), math.floor((x - place.origin_x_m) / size))
+    own_row, own_col = own[0] - place.row0, own[1] - place.col0
+    low_row, high_row, low_col, high_col = own_row, own_row, own_col, own_col
+    cell, found, leaves = own_row * width + own_col, 0, False
+    for j in range(axes.axis.size):
+        k = axes.axis[j]
+        if fronts[k] < 0.0:
+            continue
+        row, col, along_x, count, slope, begin = _end_of(
+            x, y, axes.bearings_rad[k] + heading, ranges[k], own, place
+        )
+        row, col = row - place.row0, col - place.col0
+        ends[j, 0], ends[j, 1] = row, col
+        leaves |= row != own_row or col != own_col
+        low_row, high_row = min(low_row, row), max(high_row, row)
+        low_col, high_col = min(low_col, col), max(high_col, col)
+        ahead = 1 if (col > own_col if along_x else row > own_row) else -1
+        if along_x:
+            first, after = _steps_inside(own_col, ahead, cols, own_row, rows, slope, begin, count)
+            _put(rays, found, cell, ahead, width, slope, begin, first, after)
         else:
-            quarter, slope, across = 1 if s > 0.0 else 3, c / abs(s), x_cells - col0
-            off = (row0 + 0.5 - y_cells) if s > 0.0 else (y_cells - row0 - 0.5)
-            count = abs(row - row0)
-        rays[j, QUARTER], rays[j, SLOPE] = quarter, math.floor(slope * _WHOLE + 0.5)
-        rays[j, BEGIN] = math.floor((across + off * slope) * _WHOLE)
-        rays[j, COUNT] = count if fronts[k] >= 0.0 else -1
-        rays[j, END_ROW], rays[j, END_COL] = row - place.row0, col - place.col0
-        ends_in = 0 <= row - place.row0 < rows and 0 <= col - place.col0 < cols
-        begins_in = 0 <= row0 - place.row0 < rows and 0 <= col0 - place.col0 < cols
-        rays[j, INSIDE] = begins_in and ends_in
-
-
-@loop
-def _first_of(rays: Integers) -> int:
-    """The ray to begin with, so that those of a quarter follow each other by their slopes."""
-    count = rays.shape[0]
-    for j in range(count):
-        if rays[j, QUARTER] != rays[j - 1, QUARTER]:
-            return j
-    rises = rays[0, QUARTER] == 0 or rays[0, QUARTER] == 3
-    for j in range(count):
-        if (rays[j, SLOPE] < rays[j - 1, SLOPE]) == rises and rays[j, SLOPE] != rays[j - 1, SLOPE]:
-            return j
-    return 0
-
-
-@loop
-def _is_new(marks: Steps, scan: int, along: int, across: int, quarter: int) -> bool:
-    """Whether a cell near a diagonal is met for the first time in this scan."""
-    ahead = along if quarter < 2 else -along
-    dx, dy = (ahead, across) if quarter % 2 == 0 else (across, ahead)
-    wide, high = abs(dx), abs(dy)
-    corner = (1 if dx < 0 else 0) + (2 if dy < 0 else 0)
-    place = (np.int64(corner) * marks.shape[1] + min(wide, high)) * 3 + wide - high + 1
-    flat = marks.reshape(-1)
-    if flat[place] == scan:
-        return False
-    flat[place] = scan
-    return True
+            first, after = _steps_inside(own_row, ahead, rows, own_col, cols, slope, begin, count)
+            _put(rays, found, cell, ahead * width, 1, slope, begin, first, after)
+        found += 1
+    if leaves and 0 <= own_row < rows and 0 <= own_col < cols:
+        _put(rays, found, cell, 0, 0, 0, 0, 0, 1)
+        found += 1
+    # A cell more on each side: a slope is rounded.
+    return found, (_held(low_row - 1, rows), _held(high_row + 2, rows), _held(low_col - 1, cols),
+                   _held(high_col + 2, cols))  # fmt: skip
 
 
 @inlined_loop
-def _shaded(
-    shade: tuple[Any, Any], bells: tuple[Singles, Singles], squares: tuple[Singles, Singles],
-    row: int, col: int,
-) -> Any:  # fmt: skip
-    """What a free cell loses, in steps, where that depends on its place."""
-    near = shade[0] + shade[1] * bells[0][row] * bells[1][col]
-    value = near / (np.float32(1.0) + squares[0][row] + squares[1][col])
-    return np.int32(np.rint(max(value, np.float32(-CLAMP))))
+def _held(index: int, most: int) -> int:
+    return min(max(index, 0), most)
+
+
+@inlined_loop
+def _put(
+    rays: Integers, k: int, cell: int, along: int, across: int, slope: int, begin: int, first: int,
+    after: int,
+) -> None:  # fmt: skip
+    """A row of the table of rays: the sensor's cell, and how far apart steps lie."""
+    rays[k, CELL], rays[k, ALONG], rays[k, ACROSS], rays[k, SLOPE] = cell, along, across, slope
+    rays[k, BEGIN], rays[k, FIRST], rays[k, AFTER] = begin, first, after
 
 
 @loop
-def _add_plain_ray(
-    cells: Steps, observed: Bytes, stride: int, cols: int, ray: Integers, row: int, col: int,
-    last: Steps, marks: Steps, scan: int, plain: Any,
-) -> None:  # fmt: skip
-    """The same where all of it lies in the grid and each cell loses as much; both are flat."""
-    quarter, slope, at = ray[QUARTER], ray[SLOPE], ray[BEGIN]
-    ahead = np.int64(1 if quarter < 2 else -1)
-    along, across_by, along_o, across_o = (
-        (ahead, stride, ahead, cols) if quarter % 2 == 0 else (ahead * stride, 1, ahead * cols, 1)
-    )
-    begin, begin_o = row * stride + col, row * cols + col
-    # Up to here it may be near a diagonal; from there on it gets away from it with each step.
-    near = min(ray[COUNT], np.int64(3.0 / max(1.0 - abs(slope) / _WHOLE, 1e-9)) + 2)
-    for k in range(1, near):
-        at += slope
-        across = at >> FRACTION
-        if last[k] == across:
-            continue
-        last[k] = np.int32(across)
-        if k - abs(across) <= 1 and not _is_new(marks, scan, k, across, quarter):
-            continue
-        cell = np.uint64(begin + k * along + across * across_by)
-        observed[np.uint64(begin_o + k * along_o + across * across_o)] = 1
-        total = np.int32(cells[cell] + plain)
-        cells[cell] = total if total > LOWEST else LOWEST
-    nothing = np.int32(0)
-    for k in range(near, ray[COUNT]):
-        at += slope
-        across = np.int32(at >> FRACTION)
-        place = np.uint64(k)
-        cell = np.uint64(begin + k * along + across * across_by)
-        value = cells[cell]
-        step = nothing if last[place] == across else plain  # without a branch: both are common
-        last[place] = across
-        if value == 0:  # what is not 0 has been observed before
-            observed[np.uint64(begin_o + k * along_o + across * across_o)] = 1
-        total = np.int32(value + step)
-        cells[cell] = total if total > LOWEST else LOWEST
+def _stamp(stamps: Bytes, rays: Integers, count: int, bit: int) -> None:
+    """Set a bit in the cells of the rays."""
+    own = np.uint8(bit)
+    for k in range(count):
+        cell, along, across, slope = rays[k, CELL], rays[k, ALONG], rays[k, ACROSS], rays[k, SLOPE]
+        at = rays[k, BEGIN] + rays[k, FIRST] * slope
+        cell += rays[k, FIRST] * along
+        for _ in range(rays[k, FIRST], rays[k, AFTER]):
+            stamps[np.uint64(cell + (at >> FRACTION) * across)] |= own
+            at += slope
+            cell += along
+
+
+@inlined_loop
+def _ones(word: Any) -> Any:
+    """How many bits are set in each byte."""
+    pairs = word - ((word >> _1) & _ODD)
+    fours = (pairs & _PAIRS) + ((pairs >> _2) & _PAIRS)
+    return (fours + (fours >> _4)) & _HALVES
+
+
+@inlined_loop
+def _eights(width: int, row: int, box: Box) -> tuple[Any, Any]:
+    """The eights of a box's row, first and after the last."""
+    begin = row * width
+    return np.uint64((begin + box[2]) >> 3), np.uint64((begin + box[3] + 7) >> 3)
 
 
 @loop
-def _add_ray(
-    cells: Steps, observed: Flags, ray: Integers, row: int, col: int, last: Steps, marks: Steps,
-    scan: int, plain: Any, shade: tuple[Any, Any], bells: tuple[Singles, Singles],
-    squares: tuple[Singles, Singles], is_plain: bool, part: int, parts: int,
+def _count(stamps: Eights, counts: Eights, width: int, box: Box) -> None:
+    """Add the number of stamps to the counts, and take these off."""
+    for row in range(box[0], box[1]):
+        first, after = _eights(width, row, box)
+        for k in range(first, after):
+            counts[k] += _ones(stamps[k])
+            stamps[k] = np.uint64(0)
+
+
+@inlined_loop
+def _less(value: int, count: int, step: int) -> Any:
+    """What is left of a cell after ``count`` losses."""
+    return np.int32(max(np.int64(value) + np.int64(count) * np.int64(step), np.int64(LOWEST)))
+
+
+@loop
+def _add_counts(
+    cells: Steps, observed: Flags, counts: Bytes, width: int, box: Box, plain: int
+) -> None:
+    """Take what was counted from the cells."""
+    eights = counts.view(np.uint64)
+    for row in range(box[0], box[1]):
+        first, after = _eights(width, row, box)
+        for k in range(first, after):
+            if eights[k] == 0:
+                continue
+            begin = np.int64(k) * 8
+            for c in range(begin, begin + 8):
+                if counts[c] > 0:
+                    col = c - row * width
+                    cells[row, col] = _less(cells[row, col], counts[c], plain)
+                    observed[row, col] = True
+            eights[k] = np.uint64(0)
+
+
+@loop
+def _add_shaded(
+    cells: Steps, observed: Flags, stamps: Bytes, width: int, box: Box, miss: Any, near: Any,
+    bell: Singles, square: Singles, row_bell: Singles, row_square: Singles,
 ) -> None:  # fmt: skip
-    """The front of one ray, from the cell behind the sensor's to that before the obstacle's."""
-    quarter, slope, at = ray[QUARTER], ray[SLOPE], ray[BEGIN]
-    stride, cols = cells.shape[1], observed.shape[1]
-    ahead = 1 if quarter < 2 else -1
-    row_along, col_along = (0, ahead) if quarter % 2 == 0 else (ahead, 0)
-    row_across, col_across = (1, 0) if quarter % 2 == 0 else (0, 1)
-    all_cells, all_observed, is_inside = cells.reshape(-1), observed.reshape(-1), ray[INSIDE] != 0
-    for k in range(1, ray[COUNT]):
-        at += slope
-        across = at >> FRACTION
-        place = np.uint64(k)
-        if last[place] == across:
-            continue
-        last[place] = across
-        if k - abs(across) <= 1 and not _is_new(marks, scan, k, across, quarter):
-            continue
-        r = row + k * row_along + across * row_across
-        c = col + k * col_along + across * col_across
-        if not is_inside and not (0 <= r < observed.shape[0] and 0 <= c < cols):
-            continue
-        if parts > 1 and r % parts != part:
-            continue
-        step = plain if is_plain else _shaded(shade, bells, squares, r, c)
-        cell = np.uint64(r * stride + c)
-        total = np.int32(all_cells[cell] + step)
-        all_cells[cell] = total if total > LOWEST else LOWEST
-        all_observed[np.uint64(r * cols + c)] = True
+    """Take from the stamped cells what depends on their place; the stamps go."""
+    eights = stamps.view(np.uint64)
+    for row in range(box[0], box[1]):
+        depth, own_near = np.float32(1.0) + row_square[row], near * row_bell[row]
+        first, after = _eights(width, row, box)
+        for k in range(first, after):
+            if eights[k] == 0:
+                continue
+            begin = np.int64(k) * 8
+            for c in range(begin, begin + 8):
+                if stamps[c] > 0:
+                    col = c - row * width
+                    value = (miss + own_near * bell[col]) / (depth + square[col])
+                    step = np.int32(np.rint(max(value, np.float32(-CLAMP))))
+                    cells[row, col] = max(np.int32(cells[row, col] + step), LOWEST)
+                    observed[row, col] = True
+            eights[k] = np.uint64(0)
+
+
+@loop
+def _settle(
+    cells: Steps, stamps: Bytes, counts: Bytes, width: int, bit: int, plain: int, row: int, col: int
+) -> Any:
+    """Bring a cell up to date with all scans before that of ``bit``, which it forgets."""
+    c = row * width + col
+    earlier = np.int64(counts[c]) + np.int64(_ones(np.uint64(stamps[c] & ~np.uint8(bit))))
+    cells[row, col] = _less(cells[row, col], earlier, plain)
+    counts[c] = stamps[c] = np.uint8(0)
+    return cells[row, col]
 
 
 @loop
 def _add_hits(
-    cells: Steps, observed: Flags, axis: Integers, rays: Integers, before: Steps, ranges: Floats,
-    bands: Floats, sensor: Floats, part: int, parts: int,
+    cells: Steps, observed: Flags, stamps: Bytes, counts: Bytes, width: int, bit: int, plain: int,
+    axis: Integers, ends: Integers, before: Steps, ranges: Floats, fronts: Floats, bands: Floats,
+    sensor: Floats,
 ) -> None:  # fmt: skip
     """The obstacles' cells: what they held before the scan and a hit, of the nearest beam."""
     for turn in range(2):
         for j in range(axis.size):
-            row, col = rays[j, END_ROW], rays[j, END_COL]
-            if bands[axis[j]] < 0.0 or rays[j, COUNT] < 0 or row % parts != part:
+            row, col = ends[j, 0], ends[j, 1]
+            if bands[axis[j]] < 0.0 or fronts[axis[j]] < 0.0:
                 continue
             if not (0 <= row < observed.shape[0] and 0 <= col < observed.shape[1]):
                 continue
             if turn == 0:
-                cells[row, col] = before[j]
+                before[j] = _settle(cells, stamps, counts, width, bit, plain, row, col)
                 continue
             hit = np.int32(before[j] + _hit_of(sensor, ranges[axis[j]]))
             cells[row, col] = max(cells[row, col], min(hit, HIGHEST))
             observed[row, col] = True
+
+
+@loop
+def _reach_of(scans: Scans, axis: Integers) -> tuple[float, float, float]:
+    """The longest range of the beams that say something, and how far down and up they may come."""
+    longest, low, high = 0.0, math.inf, -math.inf
+    for i in range(scans.x_m.size):
+        farthest = -1.0
+        for k in axis:
+            if scans.front_end_m[i, k] >= 0.0:
+                farthest = max(farthest, scans.range_m[i, k])
+        if farthest >= 0.0:
+            longest = max(longest, farthest)
+            low, high = min(low, scans.y_m[i] - farthest), max(high, scans.y_m[i] + farthest)
+    return longest, low, high
+
+
+@loop
+def _rows_of_part(
+    place: Place, rows: int, low: float, high: float, part: int, parts: int
+) -> tuple[int, int]:
+    """The rows that a part owns, of those that are met between two heights: neighbours."""
+    first = math.floor((low - place.origin_y_m) / place.size_m - 2.0) - place.row0
+    after = math.floor((high - place.origin_y_m) / place.size_m + 3.0) - place.row0
+    first, after = _held(first, rows), _held(after, rows)
+    count = max(after - first, 0)
+    return first + count * part // parts, first + count * (part + 1) // parts
 
 
 @free_loop
@@ -212,63 +306,76 @@ def add_rays(
     cells: Steps, observed: Flags, place: Place, scans: Scans, axes: ScanAxes, sensor: Floats,
     part: int, parts: int,
 ) -> None:  # fmt: skip
-    """Add scans of one laser, in their order, to the rows part, part + parts, ... of a map.
+    """Add scans of one laser, in their order, to one of the ``parts`` of a map's rows.
 
     ``cells`` (rows, a multiple of ``LANES``) are steps of log-odds, ``observed`` (rows, cols) gets
     the cells of which anything was said. ``sensor`` (5,) is a row of ``fading``'s table.
     """
+    longest, low, high = _reach_of(scans, axes.axis)
+    if high < low:
+        return
+    first, after = _rows_of_part(place, cells.shape[0], low, high, part, parts)
+    _add_to_rows(
+        cells[first:after], observed[first:after],
+        Place(place.origin_x_m, place.origin_y_m, place.size_m, place.row0 + first, place.col0),
+        scans, axes, sensor, longest,
+    )  # fmt: skip
+
+
+@loop
+def _add_to_rows(
+    cells: Steps, observed: Flags, place: Place, scans: Scans, axes: ScanAxes, sensor: Floats,
+    longest: float,
+) -> None:  # fmt: skip
+    """Add scans to neighbouring rows; ``longest`` is their longest range."""
     (rows, cols), stride, size = observed.shape, cells.shape[1], place.size_m
     bell, square = np.zeros(stride, np.float32), np.zeros(stride, np.float32)
-    row_bell = np.zeros(-(-rows // 16) * 16, np.float32)
+    row_bell = np.zeros(-(-rows // LANES) * LANES, np.float32)
     row_square = np.zeros_like(row_bell)
-    rays, before = np.empty((axes.axis.size, 7), np.int64), np.empty(axes.axis.size, np.int32)
-    last, marks = np.empty(1, np.int32), np.zeros((4, 1, 3), np.int32)
+    # An odd number of lines a row: the rows of a column then lie in different places of the cache.
+    width = ((cols + _LINE - 1) // _LINE | 1) * _LINE
+    stamps, counts = np.zeros(rows * width, np.uint8), np.zeros(rows * width, np.uint8)
+    rays, ends = (
+        np.empty((axes.axis.size + 1, 7), np.int64),
+        np.empty((axes.axis.size, 2), np.int64),
+    )
+    before = np.empty(axes.axis.size, np.int32)
     miss, near = np.float32(-sensor[MISS] * ONE), np.float32(-sensor[MISS] * sensor[NEAR] * ONE)
     plain = np.int32(np.rint(max(miss, np.float32(-CLAMP))))
-    flat_cells, flat_observed = cells.reshape(-1), observed.reshape(-1).view(np.uint8)
+    is_plain = near == 0.0 and longest + 2.0 * size < sensor[FADE] * FLAT
+    stamped, counted, of_stamps, of_counts = 0, 0, (rows, 0, cols, 0), (rows, 0, cols, 0)
     for i in range(scans.x_m.size):
-        x, y, ranges, bands = scans.x_m[i], scans.y_m[i], scans.range_m[i], scans.band_end_m[i]
-        _rays_of(axes.axis, axes.bearings_rad, scans.heading_rad[i], x, y, ranges,
-                 scans.front_end_m[i], place, rows, cols, rays)  # fmt: skip
-        longest, farthest, leaves = 0, 0.0, False
-        own_row = math.floor((y - place.origin_y_m) / size) - place.row0
-        own_col = math.floor((x - place.origin_x_m) / size) - place.col0
-        for j in range(axes.axis.size):
-            row, col = rays[j, END_ROW], rays[j, END_COL]
-            if 0 <= row < rows and 0 <= col < cols:
-                before[j] = cells[row, col]
-            if rays[j, COUNT] >= 0:
-                longest = max(longest, rays[j, COUNT])
-                farthest = max(farthest, ranges[axes.axis[j]])
-                leaves |= row != own_row or col != own_col
-        if longest >= last.size:
-            last = np.empty(2 * longest + 2, np.int32)
-            marks = np.zeros((4, 2 * longest + 2, 3), np.int32)
-        is_plain = near == 0.0 and farthest + 2.0 * size < sensor[FADE] * FLAT
+        x, y, ranges, fronts = scans.x_m[i], scans.y_m[i], scans.range_m[i], scans.front_end_m[i]
+        bit = 1 << stamped
+        found, box = _rays_of(axes, scans.heading_rad[i], x, y, ranges, fronts, place, rows, cols,
+                              width, rays, ends)  # fmt: skip
+        if miss != 0.0:
+            _stamp(stamps, rays, found, bit)
+        of_stamps = _both(of_stamps, box)
         if not is_plain:
             gaussians(place.col0, stride, 1, size, place.origin_x_m - x, sensor[FADE], bell, square)
             gaussians(place.row0, rows, 1, size, place.origin_y_m - y, sensor[FADE], row_bell,
                       row_square)  # fmt: skip
-        row, col = own_row, own_col
-        first, quarter = _first_of(rays), np.int64(-1)
-        is_mine = 0 <= row < rows and 0 <= col < cols and row % parts == part
-        if miss != 0.0 and leaves and is_mine:
-            step = plain
-            if not is_plain:
-                step = _shaded((miss, near), (row_bell, bell), (row_square, square), row, col)
-            cells[row, col] = max(np.int32(cells[row, col] + step), LOWEST)
-            observed[row, col] = True
-        if miss != 0.0:
-            for n in range(axes.axis.size):
-                j = (first + n) % axes.axis.size
-                if rays[j, QUARTER] != quarter:
-                    quarter = rays[j, QUARTER]
-                    last[: longest + 1] = _NOWHERE
-                if is_plain and parts == 1 and rays[j, INSIDE] != 0:
-                    _add_plain_ray(flat_cells, flat_observed, stride, cols, rays[j], row, col,
-                                   last, marks, i + 1, plain)  # fmt: skip
-                    continue
-                _add_ray(cells, observed, rays[j], row, col, last, marks, i + 1, plain,
-                         (miss, near), (row_bell, bell), (row_square, square), is_plain, part,
-                         parts)  # fmt: skip
-        _add_hits(cells, observed, axes.axis, rays, before, ranges, bands, sensor, part, parts)
+        _add_hits(cells, observed, stamps, counts, width, bit, plain, axes.axis, ends, before,
+                  ranges, fronts, scans.band_end_m[i], sensor)  # fmt: skip
+        if not is_plain:
+            _add_shaded(cells, observed, stamps, width, box, miss, near, bell, square, row_bell,
+                        row_square)  # fmt: skip
+            continue
+        stamped += 1
+        if stamped == _SCANS or i == scans.x_m.size - 1:
+            _count(stamps.view(np.uint64), counts.view(np.uint64), width, of_stamps)
+            of_counts = _both(of_counts, of_stamps)
+            stamped, counted, of_stamps = 0, counted + 1, (rows, 0, cols, 0)
+        if counted == _COUNTS or i == scans.x_m.size - 1:
+            _add_counts(cells, observed, counts, width, of_counts, plain)
+            counted, of_counts = 0, (rows, 0, cols, 0)
+
+
+@inlined_loop
+def _both(one: Box, other: Box) -> Box:
+    """The box around two boxes; one without cells has its ends before its beginnings."""
+    if other[1] <= other[0] or other[3] <= other[2]:
+        return one
+    return (min(one[0], other[0]), max(one[1], other[1]), min(one[2], other[2]),
+            max(one[3], other[3]))  # fmt: skip

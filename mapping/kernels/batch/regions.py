@@ -31,10 +31,10 @@ from mapping.kernels.batch.spans import (
     WIDEST_RAD,
     Beam,
     beam_between,
-    box_of,
+    is_beyond,
+    obstacle_cell,
     part_of_beam,
-    point_cell,
-    rows_of_part,
+    rows_of_band,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -269,12 +269,11 @@ def _cell_step(
 @loop
 def _add_slowly(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
-    bands: int, factors: Singles, table: Steps, part: int, parts: int, cols: int, with_free: bool,
+    bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], with_free: bool,
 ) -> None:  # fmt: skip
-    """The rows of one beam that belong to a part, each cell on its own."""
-    row0, row1, col0, col1 = box_of(beam, place, cells.shape[0], cols)
-    row0 += (part - (row0 - place.row0)) % parts
-    for row in range(row0, row1, parts):
+    """Some rows of one beam, each cell on its own."""
+    row0, row1, col0, col1 = box
+    for row in range(row0, row1):
         dy, own = (row + 0.5) * place.size_m + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
             dx, c = (col + 0.5) * place.size_m + place.origin_x_m - beam.x, col - place.col0
@@ -282,7 +281,7 @@ def _add_slowly(
             if found == OUTSIDE:
                 continue
             if found == BAND or with_free:
-                mark(seen, own // parts, c, c, c, c + 1, True)
+                mark(seen, own, c, c, c, c + 1, True)
             step = _cell_step(beam, dx, dy, found, e0, e1, regions, bands, factors, table)
             cells[own, c] = min(max(np.int32(cells[own, c] + step), LOWEST), HIGHEST)
 
@@ -291,21 +290,21 @@ def _add_slowly(
 def _add_rows(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
     bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], rows: int,
-    parts: int, with_free: bool, square: Singles, row_square: Singles, index: Steps,
-    borders: Steps, crossing: Steps, spans: Steps,
+    with_free: bool, square: Singles, row_square: Singles, index: Steps, borders: Steps,
+    crossing: Steps, spans: Steps,
 ) -> None:  # fmt: skip
-    """The rows of one beam that belong to a part."""
+    """Some rows of one beam."""
     row0, _row1, col0, col1 = box
     shift, size = place.col0, place.size_m
     start, end = (col0 - shift) // LANES * LANES, -((shift - col1) // LANES) * LANES
     _squares(start + shift, end - start, np.int64(1), size, place.origin_x_m - beam.x,
              square[start:end])  # fmt: skip
-    _squares(row0, rows, parts, size, place.origin_y_m - beam.y, row_square)
-    region_borders(beam, place, row0, parts, rows, regions, spans, borders, crossing)
+    _squares(row0, rows, np.int64(1), size, place.origin_y_m - beam.y, row_square)
+    region_borders(beam, place, row0, np.int64(1), rows, regions, spans, borders, crossing)
     f0, f1 = np.float32(e0), np.float32(e1)
     first = row0 - place.row0
     scales = _band_scales(beam, bands)
-    mark_rows(seen, first // parts, rows, shift, spans, with_free)
+    mark_rows(seen, first, rows, shift, spans, with_free)
     for k in range(rows):
         a, f, g, b = (
             spans[0, k] - shift,
@@ -313,8 +312,8 @@ def _add_rows(
             spans[2, k] - shift,
             spans[3, k] - shift,
         )
-        row = first + k * parts
-        is_above = (row0 + k * parts + 0.5) * size + place.origin_y_m - beam.y > 0.0
+        row = first + k
+        is_above = (row0 + k + 0.5) * size + place.origin_y_m - beam.y > 0.0
         flip, own = np.int32(0 if is_above else -1), (crossing[0, k], crossing[1, k])
         if with_free and g > f:
             _add_front(
@@ -329,9 +328,9 @@ def _add_rows(
 @free_loop
 def add_regions(
     cells: Steps, observed: Flags, place: Place, readings: Readings, sensors: Floats,
-    factors: Singles, tables: Steps, part: int, parts: int,
+    factors: Singles, tables: Steps, begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Add readings, in their order, to the rows part, part + parts, ... of a map.
+    """Add readings, in their order, to the rows begin to end - 1 of a map.
 
     ``cells`` (rows, a multiple of ``LANES``) are steps of log-odds, ``observed`` (rows, cols) gets
     the cells of which anything was said. Of each of S sensors, ``sensors`` (S, 4) holds half the
@@ -346,10 +345,12 @@ def add_regions(
     widths = widths_of(sensors[:, HALF_WIDTH])
     borders = np.empty((regions, doubt.size), np.int32)
     crossing = np.empty((2, doubt.size), np.int32)
-    seen = blank_seen(rows, cols, part, parts)
+    seen = blank_seen(rows, cols, 0, 1)
     xs, ys, headings, ranges, fronts, bands_m, names = readings
     flat = tables.reshape(tables.shape[0], regions * bands)
     for i in range(xs.size):
+        if is_beyond(ys[i], max(fronts[i], bands_m[i]), place, begin, end):
+            continue
         name = names[i]
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands_m[i], widths, name)
         own, table = factors[name], flat[name]
@@ -357,21 +358,20 @@ def add_regions(
         e1 = sensors[name, EMPTY_T] / fronts[i] if fronts[i] > 0.0 else 0.0
         with_free = sensors[name, LARGEST] > 0.0 and e0 > 0.0
         is_fast = beam.half <= WIDEST_RAD and sensors[name, LARGEST] <= SMALL_Z
-        box, _, count = rows_of_part(beam, place, rows, cols, part, parts)
+        box, _, count = rows_of_band(beam, place, rows, cols, begin, end)
         if beam.half <= WIDEST_RAD and count > 0:
-            spans_of_rows(beam, place, box, parts, spans, doubt)
-        point_row, point_col = point_cell(beam, place, rows, cols, ranges[i], bands_m[i], part,
-                                          parts, spans, count, spare)  # fmt: skip
+            spans_of_rows(beam, place, box, 1, spans, doubt)
+        point_row, point_col = obstacle_cell(beam, place, rows, cols, ranges[i], bands_m[i], begin,
+                                             end, spans, count, spare)  # fmt: skip
         before = cells[point_row, point_col] if point_row >= 0 else _NOTHING
         if not is_fast:
-            _add_slowly(cells, seen, place, beam, e0, e1, regions, bands, own, table, part, parts,
-                        cols, with_free)  # fmt: skip
+            _add_slowly(cells, seen, place, beam, e0, e1, regions, bands, own, table, box,
+                        with_free)  # fmt: skip
         elif count > 0:
             _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, box, count,
-                      parts, with_free, square, row_square, index, borders, crossing,
-                      spans)  # fmt: skip
+                      with_free, square, row_square, index, borders, crossing, spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]
             cells[point_row, point_col] = min(max(np.int32(before + hit), LOWEST), HIGHEST)
-            mark(seen, point_row // parts, point_col, point_col, point_col, point_col + 1, True)
-    mark_seen(seen, observed, part, parts)
+            mark(seen, point_row, point_col, point_col, point_col, point_col + 1, True)
+    mark_seen(seen[begin:end], observed[begin:end], 0, 1)

@@ -288,6 +288,18 @@ def rows_of_part(
     return (row0, row1, col0, col1), row0 - place.row0, count if col1 > col0 and count > 0 else 0
 
 
+@inlined_loop
+def rows_of_band(
+    beam: Beam, place: Place, rows: int, cols: int, begin: int, end: int
+) -> tuple[tuple[int, int, int, int], int, int]:
+    """The box of a beam within the rows begin to end - 1 of the array; its first row there, and
+    how many it has (none where it has no columns)."""
+    row0, row1, col0, col1 = box_of(beam, place, rows, cols)
+    row0, row1 = max(row0, begin + place.row0), min(row1, end + place.row0)
+    count = row1 - row0 if row1 > row0 and col1 > col0 else 0
+    return (row0, row0 + count, col0, col1), row0 - place.row0, count
+
+
 @loop
 def _has_band(spans: Columns, rows: int) -> bool:
     """Does any of these rows have a cell in the band?"""
@@ -317,28 +329,67 @@ def _lacks_band(
     return True
 
 
+@inlined_loop
+def is_beyond(y: float, reach: float, place: Place, begin: int, end: int) -> bool:
+    """Does a beam from ``y`` meet none of the rows begin to end - 1, whichever way it looks?"""
+    per_cell = 1.0 / place.size_m
+    row, reach = (y - place.origin_y_m) * per_cell - place.row0, reach * per_cell + 1.0
+    return row + reach < begin or row - reach > end
+
+
+@loop
+def obstacle_cell(
+    beam: Beam, place: Place, rows: int, cols: int, range_m: float, band_end_m: float, begin: int,
+    end: int, spans: Columns, count: int, scratch: tuple[Columns, Columns],
+) -> tuple[int, int]:  # fmt: skip
+    """Row and column, in the array of the place, of the obstacle's cell where it is the band.
+
+    (-1, -1) where there are cells in the band, where nothing came back, and where the obstacle's
+    cell lies outside the rows begin to end - 1. ``spans`` are those of the ``count`` rows of the
+    beam in there, if it has spans; ``scratch`` is a ``span_scratch`` of its own.
+    """
+    if band_end_m < 0.0 or surely_has_band(beam, place, rows, cols):
+        return -1, -1
+    row, col = _cell_at(beam, place, range_m)
+    if not (0 <= col < cols and begin <= row < end):
+        return -1, -1
+    is_whole = begin == 0 and end == rows
+    has_band = _has_band_cell(beam, place, rows, cols, is_whole, spans, count, scratch)
+    return (-1, -1) if has_band else (row, col)
+
+
+@loop
+def _cell_at(beam: Beam, place: Place, range_m: float) -> tuple[int, int]:
+    """Row and column, in the array of the place, of what lies on the axis at a range."""
+    x, y = beam.x + range_m * beam.cos, beam.y + range_m * beam.sin
+    col = math.floor((x - place.origin_x_m) / place.size_m) - place.col0
+    return math.floor((y - place.origin_y_m) / place.size_m) - place.row0, col
+
+
+@loop
+def _has_band_cell(
+    beam: Beam, place: Place, rows: int, cols: int, is_whole: bool, spans: Columns, count: int,
+    scratch: tuple[Columns, Columns],
+) -> bool:  # fmt: skip
+    """Is there a cell in the band? ``is_whole``: the spans are those of all rows."""
+    if beam.limit <= beam.front_limit:
+        return False
+    has_spans = beam.half <= WIDEST_RAD
+    if has_spans and _has_band(spans, count):
+        return True
+    return not (has_spans and is_whole) and not _lacks_band(beam, place, rows, cols, scratch)
+
+
 @loop
 def point_cell(
     beam: Beam, place: Place, rows: int, cols: int, range_m: float, band_end_m: float, part: int,
     parts: int, spans: Columns, count: int, scratch: tuple[Columns, Columns],
 ) -> tuple[int, int]:  # fmt: skip
-    """Row and column, in the array of the place, of the obstacle's cell where it is the band.
-
-    (-1, -1) where there are cells in the band, where nothing came back, and where the obstacle's
-    cell lies outside or in a row of another part. ``spans`` are those of the ``count`` rows of the
-    part, if the beam has spans; ``scratch`` is a ``span_scratch`` of its own.
-    """
+    """The same for a part of every so-many-th row."""
     if band_end_m < 0.0 or surely_has_band(beam, place, rows, cols):
         return -1, -1
-    if beam.limit > beam.front_limit:
-        has_spans = beam.half <= WIDEST_RAD
-        if has_spans and _has_band(spans, count):
-            return -1, -1
-        if not (has_spans and parts == 1) and not _lacks_band(beam, place, rows, cols, scratch):
-            return -1, -1
-    x, y = beam.x + range_m * beam.cos, beam.y + range_m * beam.sin
-    col = math.floor((x - place.origin_x_m) / place.size_m) - place.col0
-    row = math.floor((y - place.origin_y_m) / place.size_m) - place.row0
+    row, col = _cell_at(beam, place, range_m)
     if not (0 <= col < cols and 0 <= row < rows and row % parts == part):
         return -1, -1
-    return row, col
+    has_band = _has_band_cell(beam, place, rows, cols, parts == 1, spans, count, scratch)
+    return (-1, -1) if has_band else (row, col)

@@ -8,13 +8,15 @@ said by the rules (``update_rules/saturating.py`` and ``pooled.py``).
 from __future__ import annotations
 
 import math
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.kernels.batch.cell_tables import SATURATING
 from mapping.kernels.batch.fading import NEAR_M
-from mapping.kernels.batch.lanes import free_loop, loop
+from mapping.kernels.batch.lanes import ROOM, WITH_LANES, free_loop, loop
+from mapping.kernels.batch.lanes_of_sums import lanes_of_pooled, lanes_of_saturating
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
 from mapping.kernels.batch.spans import (
@@ -34,6 +36,7 @@ from mapping.kernels.batch.spans import (
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Columns = NDArray[np.int32]
+Rows = tuple[int, int, int]  # the first of a reading in the map, the step to the next, how many
 
 # Columns of the table of sensors; HIT, MISS and NEAR are those of `fading`, for `saturating`.
 HALF_WIDTH, FADE, WITH_FREE, HIT, MISS, NEAR = range(6)
@@ -41,117 +44,244 @@ HALF_WIDTH, FADE, WITH_FREE, HIT, MISS, NEAR = range(6)
 # before the arc begins (past all cells where nothing came back), its range.
 ADDED, ARC_END, LAST, RANGE = range(4)
 # Limits of `pooled`: of near misses, of those in the middle, of what is just before an arc, and
-# how far the cells of the arc itself reach behind the range, relative and in metres.
-NEARER, MIDDLE, BEFORE, THIN, THIN_M = range(5)
-_ONE = 2.0**24
+# how far the cells of the arc itself reach behind the range, relative and in metres; and how far
+# off the nearest miss counts. As squares also: the first two, that, and of a reading from where
+# its last stretch is and where its arc ends.
+NEARER, MIDDLE, BEFORE, THIN, THIN_M, FARTHEST_MISS = range(6)
+FARTHEST, FROM, END = range(2, 5)
+# The arrays of `pooled`; those of `saturating` are the evidence for and against.
+HITS, MISSES, ON_ARC, BEFORE_ARC, MISSES_NEAR, MISSES_MIDDLE, NEAREST_MISS, NEAREST_HIT = range(8)
+FOR, AGAINST = range(2)
+ONE = 2.0**24  # steps in evidence of 1
 _CLAMP = 13.8  # of one reading's evidence
 _ROUNDING_M = 1e-9
 
 
 @loop
 def _in_steps(evidence: float) -> float:
-    return float(np.rint(evidence * _ONE) / _ONE)
+    return float(np.rint(evidence * ONE) / ONE)
+
+
+class Scratch(NamedTuple):
+    """Of each column, and of each row: the distance squared, the same over the fading distance
+    squared, and the bell of `fading`."""
+
+    across: Floats
+    faded_across: Floats
+    bell: Floats
+    down: Floats
+    faded_down: Floats
+    row_bell: Floats
 
 
 @loop
-def _saturating_row(
-    cells: Floats, row: int, a: int, f: int, g: int, b: int, dy: float, across: Floats,
-    bell: Floats, sensor: Floats, added: float,
+def _scratch(rows: int, cols: int) -> Scratch:
+    return Scratch(
+        np.zeros(cols + ROOM), np.zeros(cols + ROOM), np.zeros(cols + ROOM),
+        np.zeros(rows + ROOM), np.zeros(rows + ROOM), np.zeros(rows + ROOM),
+    )  # fmt: skip
+
+
+@loop
+def _measure(
+    squares: Floats, faded: Floats, bell: Floats, count: int, first: int, step: int, size: float,
+    origin: float, sensor_m: float, fade_m: float, near: float,
 ) -> None:  # fmt: skip
-    """Columns a to b - 1 of a row, of which f to g - 1 are in front."""
-    miss, near, fade = sensor[MISS], sensor[MISS] * sensor[NEAR], sensor[FADE]
+    """Of rows or columns first, first + step, ..., at (index + 0.5) size + origin."""
+    per_fade = 1.0 / fade_m
+    for k in range(count):
+        d = (first + k * step + 0.5) * size + origin - sensor_m
+        squares[k], faded[k] = d * d, (d * per_fade) * (d * per_fade)
+    if near > 0.0:
+        for k in range(count):
+            d = (first + k * step + 0.5) * size + origin - sensor_m
+            bell[k] = near * math.exp(-((d / NEAR_M) ** 2))
+
+
+@loop
+def _saturating_cell(
+    cells: Floats, row: int, col: int, is_front: bool, dx: float, dy: float, sensor: Floats,
+    reading: Floats,
+) -> None:  # fmt: skip
+    """What one cell gets."""
+    if not is_front:
+        cells[FOR, row, col] += reading[ADDED]
+        return
+    near, per_fade = sensor[MISS] * sensor[NEAR], 1.0 / sensor[FADE]
     near *= math.exp(-((dy / NEAR_M) ** 2))
-    per_fade = 1.0 / fade
-    down = (dy * per_fade) ** 2
-    for c in range(f, g):
-        right = across[c] * per_fade
-        evidence = (miss + near * bell[c]) / (1.0 + (right * right + down))
-        evidence = min(evidence, _CLAMP)
-        cells[1, row, c] += np.rint(evidence * _ONE) / _ONE
-    for c in range(a, f):
-        cells[0, row, c] += added
-    for c in range(g, b):
-        cells[0, row, c] += added
+    bell, right, up = math.exp(-((dx / NEAR_M) ** 2)), dx * per_fade, dy * per_fade
+    evidence = (sensor[MISS] + near * bell) / (1.0 + (right * right + up * up))
+    cells[AGAINST, row, col] += _in_steps(min(evidence, _CLAMP))
 
 
 @loop
-def _pooled_row(
-    cells: Floats, row: int, a: int, f: int, g: int, b: int, dy: float, across: Floats,
+def _pooled_cell(
+    cells: Floats, row: int, col: int, is_front: bool, dx: float, dy: float, sensor: Floats,
+    reading: Floats, limits: Floats,
+) -> None:  # fmt: skip
+    """What one cell gets."""
+    rho = math.sqrt(dx * dx + dy * dy)
+    if not is_front:
+        cells[HITS, row, col] += reading[ADDED]
+        cells[ON_ARC, row, col] += 1.0 if rho <= reading[ARC_END] else 0.0
+        cells[NEAREST_HIT, row, col] = min(cells[NEAREST_HIT, row, col], reading[RANGE])
+        return
+    per_fade = 1.0 / sensor[FADE]
+    right, up = dx * per_fade, dy * per_fade
+    cells[MISSES, row, col] += np.rint(ONE / (1.0 + (right * right + up * up))) / ONE
+    cells[BEFORE_ARC, row, col] += 1.0 if rho > reading[LAST] else 0.0
+    cells[MISSES_NEAR, row, col] += 1.0 if rho < limits[NEARER] else 0.0
+    is_middle = limits[NEARER] <= rho < limits[MIDDLE]
+    cells[MISSES_MIDDLE, row, col] += 1.0 if is_middle else 0.0
+    cells[NEAREST_MISS, row, col] = min(cells[NEAREST_MISS, row, col], rho)
+
+
+@loop
+def _cell(
+    cells: Floats, what: int, row: int, col: int, is_front: bool, dx: float, dy: float,
     sensor: Floats, reading: Floats, limits: Floats,
 ) -> None:  # fmt: skip
-    """Columns a to b - 1 of a row, of which f to g - 1 are in front."""
-    near, middle, fade, last = limits[NEARER], limits[MIDDLE], sensor[FADE], reading[LAST]
-    for c in range(f, g):
-        rho = math.sqrt(across[c] * across[c] + dy * dy)
-        faded = rho / fade
-        cells[1, row, c] += np.rint(1.0 / (1.0 + faded * faded) * _ONE) / _ONE
-        cells[3, row, c] += 1.0 if rho > last else 0.0
-        cells[4, row, c] += 1.0 if rho < near else 0.0
-        cells[5, row, c] += 1.0 if near <= rho < middle else 0.0
-        cells[6, row, c] = min(cells[6, row, c], rho)
-    for start, end in ((a, f), (g, b)):
-        for c in range(start, end):
-            rho = math.sqrt(across[c] * across[c] + dy * dy)
-            cells[0, row, c] += reading[ADDED]
-            cells[2, row, c] += 1.0 if rho <= reading[ARC_END] else 0.0
-            cells[7, row, c] = min(cells[7, row, c], reading[RANGE])
-
-
-@loop
-def _row(
-    cells: Floats, what: int, row: int, a: int, f: int, g: int, b: int, dy: float, across: Floats,
-    bell: Floats, sensor: Floats, reading: Floats, limits: Floats,
-) -> None:  # fmt: skip
-    if sensor[WITH_FREE] == 0.0:  # the model has no evidence for what lies in front
-        _band(cells, what, row, a, f, dy, across, bell, sensor, reading, limits)
-        _band(cells, what, row, g, b, dy, across, bell, sensor, reading, limits)
-    elif what == SATURATING:
-        _saturating_row(cells, row, a, f, g, b, dy, across, bell, sensor, reading[ADDED])
-    else:
-        _pooled_row(cells, row, a, f, g, b, dy, across, sensor, reading, limits)
-
-
-@loop
-def _band(
-    cells: Floats, what: int, row: int, a: int, b: int, dy: float, across: Floats, bell: Floats,
-    sensor: Floats, reading: Floats, limits: Floats,
-) -> None:  # fmt: skip
+    if is_front and sensor[WITH_FREE] == 0.0:
+        return  # the model has no evidence for what lies in front
     if what == SATURATING:
-        _saturating_row(cells, row, a, b, b, b, dy, across, bell, sensor, reading[ADDED])
+        _saturating_cell(cells, row, col, is_front, dx, dy, sensor, reading)
     else:
-        _pooled_row(cells, row, a, b, b, b, dy, across, sensor, reading, limits)
+        _pooled_cell(cells, row, col, is_front, dx, dy, sensor, reading, limits)
+
+
+@loop
+def add_saturating_plainly(
+    cells: Floats, rows: Rows, spans: Columns, shift: int, of: Scratch, sensor: Floats,
+    reading: Floats,
+) -> None:  # fmt: skip
+    """All rows of a reading, whose columns lie in ``of``."""
+    with_free, miss = sensor[WITH_FREE] != 0.0, sensor[MISS]
+    for k in range(rows[2]):
+        row = rows[0] + k * rows[1]
+        f, g = spans[1, k] - shift, spans[2, k] - shift
+        for c in range(spans[0, k] - shift, spans[3, k] - shift):
+            if not f <= c < g:
+                cells[FOR, row, c] += reading[ADDED]
+            elif with_free:
+                evidence = miss + of.row_bell[k] * of.bell[c]
+                evidence /= 1.0 + (of.faded_across[c] + of.faded_down[k])
+                cells[AGAINST, row, c] += _in_steps(min(evidence, _CLAMP))
+
+
+@loop
+def add_saturating_in_lanes(
+    cells: Floats, rows: Rows, spans: Columns, shift: int, of: Scratch, sensor: Floats,
+    reading: Floats,
+) -> None:  # fmt: skip
+    """The same, several cells at a time."""
+    numbers = sensor[WITH_FREE], reading[ADDED], sensor[MISS], _CLAMP
+    lanes_of_saturating(cells, rows, spans, np.int32(shift), of.faded_across, of.faded_down,
+                        of.bell, of.row_bell, numbers)  # fmt: skip
+
+
+@loop
+def _square_from(value: float) -> float:
+    """The least number whose square root is not below a value."""
+    if value <= 0.0 or value == math.inf:
+        return max(value, 0.0)
+    square = value * value
+    while math.sqrt(square) >= value:
+        square = np.nextafter(square, 0.0)
+    while math.sqrt(square) < value:
+        square = np.nextafter(square, math.inf)
+    return square
+
+
+@loop
+def add_pooled_plainly(
+    cells: Floats, rows: Rows, spans: Columns, shift: int, of: Scratch, sensor: Floats,
+    reading: Floats, squares: Floats,
+) -> None:  # fmt: skip
+    """The same for `pooled`; ``squares`` are limits of squared distances."""
+    with_free = sensor[WITH_FREE] != 0.0
+    for k in range(rows[2]):
+        row = rows[0] + k * rows[1]
+        f, g = spans[1, k] - shift, spans[2, k] - shift
+        for c in range(spans[0, k] - shift, spans[3, k] - shift):
+            square = of.across[c] + of.down[k]
+            if not f <= c < g:
+                cells[HITS, row, c] += reading[ADDED]
+                cells[ON_ARC, row, c] += 1.0 if square < squares[END] else 0.0
+                cells[NEAREST_HIT, row, c] = min(cells[NEAREST_HIT, row, c], reading[RANGE])
+            elif with_free:
+                depth = 1.0 + (of.faded_across[c] + of.faded_down[k])
+                cells[MISSES, row, c] += np.rint(ONE / depth) / ONE
+                cells[BEFORE_ARC, row, c] += 1.0 if square >= squares[FROM] else 0.0
+                cells[MISSES_NEAR, row, c] += 1.0 if square < squares[NEARER] else 0.0
+                is_middle = squares[NEARER] <= square < squares[MIDDLE]
+                cells[MISSES_MIDDLE, row, c] += 1.0 if is_middle else 0.0
+                cells[NEAREST_MISS, row, c] = min(cells[NEAREST_MISS, row, c], math.sqrt(square))
+
+
+@loop
+def add_pooled_in_lanes(
+    cells: Floats, rows: Rows, spans: Columns, shift: int, of: Scratch, sensor: Floats,
+    reading: Floats, squares: Floats,
+) -> None:  # fmt: skip
+    """The same, several cells at a time."""
+    numbers = (sensor[WITH_FREE], reading[ADDED], reading[RANGE], squares[NEARER],
+               squares[MIDDLE], squares[FARTHEST], squares[FROM], squares[END])  # fmt: skip
+    lanes_of_pooled(cells, rows, spans, np.int32(shift), of.across, of.down, of.faded_across,
+                    of.faded_down, numbers)  # fmt: skip
+
+
+_add_saturating: Any = add_saturating_in_lanes if WITH_LANES else add_saturating_plainly
+_add_pooled: Any = add_pooled_in_lanes if WITH_LANES else add_pooled_plainly
+
+
+@loop
+def _squares_of(limits: Floats) -> Floats:
+    """Limits of distances as those of their squares; room for what each reading has of its own."""
+    squares = np.zeros(5)
+    squares[NEARER], squares[MIDDLE] = _square_from(limits[NEARER]), _square_from(limits[MIDDLE])
+    squares[FARTHEST] = _square_from(limits[FARTHEST_MISS])
+    return squares
 
 
 @loop
 def _add_wide(
-    cells: Floats, what: int, seen: Bits, place: Place, beam: Beam, across: Floats, bell: Floats,
-    sensor: Floats, reading: Floats, limits: Floats, box: tuple[int, int, int, int], parts: int,
+    cells: Floats, what: int, seen: Bits, place: Place, beam: Beam, sensor: Floats,
+    reading: Floats, limits: Floats, box: tuple[int, int, int, int], parts: int,
 ) -> None:  # fmt: skip
     """A beam of 180 degrees and more, each cell looked at on its own."""
     row0, row1, col0, col1 = box
     for row in range(row0, row1, parts):
         dy, own = (row + 0.5) * place.size_m + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
-            c = col - place.col0
-            found = part_of_beam(beam, across[c], dy)
+            c, dx = col - place.col0, (col + 0.5) * place.size_m + place.origin_x_m - beam.x
+            found = part_of_beam(beam, dx, dy)
             if found == OUTSIDE:
                 continue
             g = c + 1 if found == FRONT else c
             mark(seen, own // parts, c, c, g, c + 1, sensor[WITH_FREE] != 0.0)
-            _row(cells, what, own, c, c, g, c + 1, dy, across, bell, sensor, reading, limits)
+            _cell(cells, what, own, c, found == FRONT, dx, dy, sensor, reading, limits)
 
 
 @loop
-def _fill_columns(
-    place: Place, beam: Beam, box: tuple[int, int, int, int], what: int, across: Floats,
-    bell: Floats,
+def _add_wedge(
+    cells: Floats, what: int, place: Place, beam: Beam, sensor: Floats, reading: Floats,
+    box: tuple[int, int, int, int], rows: Rows, spans: Columns, of: Scratch,
+    squares: Floats,
 ) -> None:  # fmt: skip
-    """How far to the right of the sensor the columns of a box lie, and the bell of each."""
-    for col in range(box[2], box[3]):
-        c = col - place.col0
-        across[c] = (col + 0.5) * place.size_m + place.origin_x_m - beam.x
-        if what == SATURATING:
-            bell[c] = math.exp(-((across[c] / NEAR_M) ** 2))
+    """Some rows of one beam, ``spans`` being theirs."""
+    size, shift, fade_m = place.size_m, place.col0, sensor[FADE]
+    near = sensor[MISS] * sensor[NEAR] if what == SATURATING else 0.0
+    first, count = box[2] - shift, box[3] - box[2]
+    _measure(of.across[first:], of.faded_across[first:], of.bell[first:], count, box[2], 1, size,
+             place.origin_x_m, beam.x, fade_m, 1.0 if near > 0.0 else 0.0)  # fmt: skip
+    _measure(of.down, of.faded_down, of.row_bell, rows[2], rows[0] + place.row0, rows[1], size,
+             place.origin_y_m, beam.y, fade_m, near)  # fmt: skip
+    if what == SATURATING:
+        _add_saturating(cells, rows, spans, shift, of, sensor, reading)
+        return
+    squares[FROM] = _square_from(np.nextafter(reading[LAST], math.inf))
+    squares[END] = _square_from(np.nextafter(reading[ARC_END], math.inf))
+    _add_pooled(cells, rows, spans, shift, of, sensor, reading, squares)
 
 
 @loop
@@ -179,14 +309,14 @@ def add_sums(
 ) -> None:  # fmt: skip
     """Add readings, in their order, to the rows part, part + parts, ... of a map.
 
-    ``cells`` (2 or 8, rows, cols) are the arrays of the rule ``what``, SATURATING or POOLED, in
-    its order; ``observed`` (rows, cols) gets the cells of which anything was said. ``sensors``
-    (S, 6) and ``limits`` (5,) hold what is named above.
+    ``cells`` (2 or 8, rows, a multiple of ``LANES``) are the arrays of the rule ``what``,
+    SATURATING or POOLED, in its order; ``observed`` (rows, cols) gets the cells of which anything
+    was said. ``sensors`` (S, 6) and ``limits`` (6,) hold what is named above.
     """
     rows, cols = observed.shape
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     seen, widths = blank_seen(rows, cols, part, parts), widths_of(sensors[:, HALF_WIDTH])
-    across, bell = np.empty(cols), np.empty(cols)
+    of, squares = _scratch(rows, cols), _squares_of(limits)
     reading, before = np.empty(4), np.empty(cells.shape[0])
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
@@ -200,24 +330,17 @@ def add_sums(
                               count, spare)  # fmt: skip
         if row >= 0:
             before[:] = cells[:, row, col]
-        if count > 0:
-            _fill_columns(place, beam, box, what, across, bell)
         if count > 0 and beam.half > WIDEST_RAD:
-            _add_wide(cells, what, seen, place, beam, across, bell, sensor, reading, limits, box,
-                      parts)  # fmt: skip
+            _add_wide(cells, what, seen, place, beam, sensor, reading, limits, box, parts)
         elif count > 0:
-            shift = place.col0
-            mark_rows(seen, first // parts, count, shift, spans, sensor[WITH_FREE] != 0.0)
-            for k in range(count):
-                own = first + k * parts
-                dy = (own + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
-                _row(cells, what, own, spans[0, k] - shift, spans[1, k] - shift,
-                     spans[2, k] - shift, spans[3, k] - shift, dy, across, bell, sensor, reading,
-                     limits)  # fmt: skip
+            free = sensor[WITH_FREE] != 0.0
+            mark_rows(seen, first // parts, count, place.col0, spans, free)
+            _add_wedge(cells, what, place, beam, sensor, reading, box, (first, parts, count),
+                       spans, of, squares)  # fmt: skip
         if row >= 0:  # the obstacle's cell is the band, whatever ran through it
             cells[:, row, col] = before
-            across[col] = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
+            dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
             dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
-            _band(cells, what, row, col, col + 1, dy, across, bell, sensor, reading, limits)
+            _cell(cells, what, row, col, False, dx, dy, sensor, reading, limits)
             mark(seen, row // parts, col, col, col, col + 1, True)
     mark_seen(seen, observed, part, parts)

@@ -8,13 +8,15 @@ never shows, and :class:`replay.rrd.reader.RrdRecording` plays back.
 Why it is small: a Bayesian reading multiplies the odds of each cell that it covers by a factor, and
 in front of the echo the factor depends on the distance from the sensor alone. So the values are
 *predicted*, and a record holds only the reading's outline, the few factors of its band, and the
-cells that came out differently.
+cells that came out differently. Of the rule ``pooled`` writer and reader follow the sums of every
+cell instead, from the first reading on; a record then holds an outline and a range.
 
 | module | what it does |
 | --- | --- |
 | ``log`` | the layers of one run: which records wait, and at which step each belongs |
 | ``encoder`` | a layer's readings → records; learns what a sensor's readings do by distance |
 | ``radial_profile`` | that function of the distance as a table, from many samples |
+| ``sums`` | how sums grow, and the values they stand for, by products and sums alone |
 | ``records`` | the bytes of a record, both ways; each carries a checksum of what it must come to |
 | ``track`` | values and odds of all cells, as writer and reader both follow them |
 | ``playback`` | tiles and records in the order of the steps → the values at any step |

@@ -17,7 +17,15 @@ from mapping.artifacts import TempGrid
 from mapping.grid import GridGeometry, Window
 from mapping.update_rules import CLAMP
 from replay.rrd.value_log.radial_profile import RadialProfile, fit_table
-from replay.rrd.value_log.records import Masks, plain_record, predicted_record, table_record
+from replay.rrd.value_log.records import (
+    Masks,
+    formula_record,
+    plain_record,
+    predicted_record,
+    summed_record,
+    table_record,
+)
+from replay.rrd.value_log.sums import Formula
 from replay.rrd.value_log.track import Covered, Floats, Singles, Track
 
 T = TypeVar("T")
@@ -66,11 +74,28 @@ class LogEncoder(Generic[T]):
         self._lacking: set[str] = set()  # sensors that wait for a table
         self._waiting: list[_Waiting[T]] = []
         self._new_tables: list[RadialProfile] = []
+        self._sums_are_known = True  # until anything else than readings of one rule came
 
     def add(
-        self, window: Window, values: Singles, temp: TempGrid | None, ticket: T
+        self,
+        window: Window,
+        values: Singles,
+        temp: TempGrid | None,
+        ticket: T,
+        formula: Formula | None = None,
     ) -> list[tuple[T, bytes]]:
-        """One more reading; the records that are ready now, oldest first."""
+        """One more reading; the records that are ready now, oldest first.
+
+        ``formula`` is that of a rule whose sums can be followed: as long as all readings of the
+        layer came with it, their records hold how the sums grew.
+        """
+        if window.empty:
+            return []
+        if self._sums_are_known:
+            record = None if temp is None else self._summed(window, values, temp, formula)
+            if record is not None:
+                return [(ticket, record)]
+            self._sums_are_known = False
         table = None
         if temp is not None and self._may_predict(window, temp):
             table = self._look_at(temp)
@@ -92,6 +117,8 @@ class LogEncoder(Generic[T]):
 
     def replace(self, window: Window, values: Singles) -> None:
         """The file holds these values whole; nothing may wait."""
+        if self._changed(window, values).any():
+            self._sums_are_known = False
         self._track.replace(window, values)
 
     def restart(self) -> None:
@@ -106,6 +133,27 @@ class LogEncoder(Generic[T]):
             and not window.empty
             and not (temp.free & temp.band).any()
         )
+
+    def _summed(
+        self, window: Window, values: Singles, temp: TempGrid, formula: Formula | None
+    ) -> bytes | None:
+        """The record of a reading by which sums grow, if it can be one."""
+        if formula is None or len(temp.beam.ranges_m) != 1 or not self._may_predict(window, temp):
+            return None
+        values = np.ascontiguousarray(values, np.float32)
+        others = self._other_changes(temp, values)
+        if others.any():
+            return None
+        begun = b""
+        if self._track.formula is None:
+            begun = formula_record(self._track, self._number, formula)
+        masks, reading = Masks(window, temp.free, temp.band, others), formula.reading(temp)
+        number = self._number + bool(begun)
+        record = summed_record(self._track, number, masks, reading, values, _MOST_MISSED)
+        if record is None:
+            return None
+        self._number = number + 1
+        return begun + record
 
     def _look_at(self, temp: TempGrid) -> int | None:
         """The table that fits a reading; samples of one that none fits yet are kept."""

@@ -198,3 +198,79 @@ def settle(
     for k in range(cells.size):
         odds[cells[k]] = after[k]
         values[cells[k]] = predicted[k]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def follow_sums(
+    cells: Integers, in_front: int, distances: Floats, all_sums: Floats, reading: Floats,
+    formula: Floats,
+) -> Floats:  # fmt: skip
+    """The sums (N, 8) of the cells after a reading; see :mod:`replay.rrd.value_log.sums`.
+
+    ``distances`` (N,) are those of the cells from its sensor, ``all_sums`` those of all cells.
+    """
+    fade_m, near_m, middle_m = formula[10], formula[11], formula[12]
+    share, arc_end_m, last_m, range_m = reading
+    sums = np.empty((cells.size, 8))
+    for k in range(cells.size):
+        rho = distances[k]
+        for n in range(8):
+            sums[k, n] = all_sums[cells[k], n]
+        if k < in_front:
+            faded = rho / fade_m
+            sums[k, 1] += np.rint(16777216.0 / (1.0 + faded * faded)) / 16777216.0
+            sums[k, 3] += rho > last_m
+            sums[k, 4] += rho < near_m
+            sums[k, 5] += near_m <= rho < middle_m
+            sums[k, 6] = min(sums[k, 6], rho)
+        else:
+            sums[k, 0] += share
+            sums[k, 2] += rho <= arc_end_m
+            sums[k, 7] = min(sums[k, 7], range_m)
+    return sums
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def ln_of_one_plus(x: float, logarithms: Floats) -> float:
+    """ln(1 + x) of a sum, which is not below 0."""
+    if x == 0.0:
+        return 0.0
+    m, power = math.frexp(1.0 + x)
+    place = int((m - 0.5) * 1024.0 + 0.5)
+    r = m * logarithms[place, 1] - 1.0
+    rest = r * (1.0 - r * (0.5 - r * (1.0 / 3.0 - r * (0.25 - r * 0.2))))
+    total: float = power * 0.6931471805599453 + (logarithms[place, 0] + rest)
+    return total
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def values_of_sums(sums: Floats, formula: Floats, logarithms: Floats, curve: Floats) -> Singles:
+    """The values that sums (N, 8) stand for; the curve's cubics reach from totals -64 to 64."""
+    values, pieces = np.empty(sums.shape[0], np.float32), curve.shape[0]
+    most_unpassed, least = formula[9], formula[13]
+    for k in range(sums.shape[0]):
+        total = formula[8]
+        for n in range(6):
+            total += formula[n] * ln_of_one_plus(sums[k, n], logarithms)
+        total += formula[6] * sums[k, 6]
+        total += formula[7] * sums[k, 7]
+        total *= min((sums[k, 0] + sums[k, 1]) / least, 1.0)
+        if sums[k, 0] == 0.0:
+            total = min(total, 0.0)
+        if sums[k, 1] == 0.0:
+            total = min(max(total, 0.0), most_unpassed)
+        at = min(max((total + 64.0) * (pieces / 128.0), 0.0), pieces)
+        piece = min(int(at), pieces - 1)
+        u, c = at - piece, curve[piece]
+        values[k] = np.float32(((c[3] * u + c[2]) * u + c[1]) * u + c[0])
+    return values
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def settle_sums(
+    cells: Integers, sums: Floats, new: Singles, all_sums: Floats, values: Singles
+) -> None:
+    """Write the sums and values of cells into those of all."""
+    for k in range(cells.size):
+        all_sums[cells[k]] = sums[k]
+        values[cells[k]] = new[k]

@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from mapping.artifacts import MergedGrid, TempGrid
 from mapping.update_rules import rule_of
+from mapping.update_rules.pooled import Pooled
 from replay.rrd import columns, layout
 from replay.rrd.layout import Tiling
 from replay.rrd.sink import RowBuffer, Stamp
 from replay.rrd.value_log.encoder import LogEncoder
+from replay.rrd.value_log.sums import Formula
 
 
 @dataclass(slots=True)
@@ -53,6 +55,7 @@ class ValueLog:
         self._rows, self._tiling = rows, tiling
         self._logs: dict[str, _LayerLog] = {}
         self._undated: set[str] = set()
+        self._formulas: dict[str, tuple[Pooled, Formula]] = {}
         self._records: deque[tuple[str, Stamp, bytes]] = deque()
         rows.before_sending(self._finish)
 
@@ -126,8 +129,18 @@ class ValueLog:
             log.date(stamp)
         else:
             log.undated.append(due)
-        log.waiting += log.encoder.add(merged.window, merged.values, temp, due)
+        log.waiting += log.encoder.add(
+            merged.window, merged.values, temp, due, self._formula_of(merged)
+        )
         self._take_ready(name)
+
+    def _formula_of(self, merged: MergedGrid) -> Formula | None:
+        rule = None if merged.sums is None else merged.sums.rule
+        if type(rule) is not Pooled:
+            return None
+        if self._formulas.get(merged.layer, (None, None))[0] is not rule:
+            self._formulas[merged.layer] = rule, Formula.of(rule)
+        return self._formulas[merged.layer][1]
 
     def _replace(
         self, name: str, tiles: Sequence[tuple[layout.Place, NDArray[np.float32]]], stamp: Stamp

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
 from replay.rrd.value_log.radial_profile import RadialProfile
+from replay.rrd.value_log.sums import LENGTH, Formula, SummedReading, unpacked
 from replay.rrd.value_log.track import Cells, Covered, Floats, Singles, Track
 
-_PLAIN, _PREDICTED, _TABLE = 0, 1, 2
+_PLAIN, _PREDICTED, _TABLE, _FORMULA, _SUMMED = range(5)
 _NO_TABLE = 255
 _MOST_FACTORS = 4096  # in one band
 _HEAD = struct.Struct("<BBIIIIIIII")
@@ -120,6 +121,36 @@ def predicted_record(
     return Head(_PREDICTED, table, number, masks.window, checksum).packed(body)
 
 
+def formula_record(track: Track, number: int, formula: Formula) -> bytes:
+    """The record of the rule whose sums are followed from here on."""
+    track.begin_sums(formula)
+    body = formula.numbers.tobytes()
+    return Head(_FORMULA, 0, number, Window(0, 0, 0, 0), zlib.crc32(body)).packed(body)
+
+
+def summed_record(
+    track: Track, number: int, masks: Masks, reading: SummedReading, true: Singles,
+    most_missed: float,
+) -> bytes | None:  # fmt: skip
+    """The record of a reading by which sums grow; ``true`` (rows, cols) are its window's values.
+
+    None, with the track as it was, when more than the share ``most_missed`` is not as predicted.
+    """
+    cells, inner, in_front, _ = masks.covered(track.geometry)
+    sums = track.follow_sums(cells, in_front, reading)
+    predicted, values = track.values_of(sums), true.ravel()[inner]
+    off = values.view(np.int32) - predicted.view(np.int32)
+    missed = np.flatnonzero(off)
+    if len(missed) > most_missed * len(cells):
+        return None
+    body = b"".join([
+        reading.packed(), struct.pack("<I", len(missed)), _packed(masks.free), _packed(masks.band),
+        _shuffled(np.diff(missed, prepend=0)), _shuffled(off[missed]),
+    ])  # fmt: skip
+    track.settle_sums(cells, sums, values)
+    return Head(_SUMMED, 0, number, masks.window, zlib.crc32(values.tobytes())).packed(body)
+
+
 def _distinct(factors: Floats) -> tuple[Floats, NDArray[np.uint16]]:
     """The different factors, and which one each cell has; nothing where it is the same for all."""
     if not len(factors) or (factors == factors[0]).all():
@@ -149,11 +180,13 @@ class LogReader:
         self._track.replace(window, values)
 
     def skip(self, records: bytes) -> None:
-        """Pass over records before a whole map; only tables are kept."""
+        """Pass over records before a whole map; only tables are kept, and sums, which go on."""
         for record in _records(records):
             self._number = record.head.number + 1
-            if record.head.form == _TABLE:
+            if record.head.form in (_TABLE, _FORMULA):
                 self._result(record.head, record.body)
+            elif record.head.form == _SUMMED:
+                self._take_summed(record.head, record.body, passing=True)
 
     def take(self, records: bytes) -> None:
         """Follow records. Raises ValueLogError where one is missing or it comes out wrong."""
@@ -171,6 +204,11 @@ class LogReader:
             return self._take_plain(head.window, body).tobytes()
         if head.form == _PREDICTED:
             return self._take_predicted(head, body).tobytes()
+        if head.form == _SUMMED:
+            return self._take_summed(head, body).tobytes()
+        if head.form == _FORMULA:
+            self._track.begin_sums(Formula(np.frombuffer(body, np.float64)))
+            return body
         (spacing_m,) = struct.unpack_from("<d", body)
         self._track.add_table(RadialProfile(spacing_m, np.frombuffer(body, np.float64, offset=8)))
         return body
@@ -202,6 +240,25 @@ class LogReader:
         odds, predicted = self._track.predict(covered, head.table)
         true = (predicted[missed].view(np.int32) + off).view(np.float32)
         return self._track.settle(covered, odds, predicted, missed, true)
+
+    def _take_summed(self, head: Head, body: bytes, *, passing: bool = False) -> Singles:
+        """In ``passing`` the values, which a whole map brings, are of no matter."""
+        parts = _Parts(body, head.window)
+        reading = unpacked(parts.bytes(LENGTH))
+        (misses,) = struct.unpack("<I", parts.bytes(4))
+        free, band = parts.mask(), parts.mask()
+        cells, _, in_front, _ = Masks(head.window, free, band, np.zeros_like(band)).covered(
+            self._track.geometry
+        )
+        sums = self._track.follow_sums(cells, in_front, reading)
+        if passing:
+            values = self._track.values.ravel()[cells]
+        else:
+            values = self._track.values_of(sums)
+            missed = np.cumsum(_unshuffled(parts.bytes(4 * misses)).astype(np.int64))
+            values.view(np.int32)[missed] += _unshuffled(parts.bytes(4 * misses))
+        self._track.settle_sums(cells, sums, values)
+        return values
 
 
 class _Parts:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mapping.grid import GridGeometry, Window
 from replay.rrd.value_log.radial_profile import RadialProfile
+from replay.rrd.value_log.sums import Formula, SummedReading, logarithms
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -49,6 +50,8 @@ class Track:
         self.largest_odds = largest_odds
         self.values: Singles = np.full(geometry.shape, start, np.float32)
         self.tables: list[tuple[float, Floats]] = []  # spacing and cubics
+        self.formula: Formula | None = None  # of a rule whose sums are followed
+        self._sums: Floats = np.zeros((0, 0))
         self.restart()
 
     def restart(self) -> None:
@@ -58,6 +61,44 @@ class Track:
     def add_table(self, table: RadialProfile) -> None:
         """One more table that readings may name."""
         self.tables.append((table.spacing_m, table.cubics()))
+
+    def begin_sums(self, formula: Formula) -> None:
+        """From here on sums are followed: no reading was merged yet."""
+        self.formula = formula
+        self._sums = np.tile(formula.start, (self.values.size, 1))
+
+    def follow_sums(self, cells: Cells, in_front: int, reading: SummedReading) -> Floats:
+        """The sums (N, 8) of the cells that a reading covers, the first of them in front, after it.
+
+        Raises ValueError where no sums are followed.
+        """
+        from replay.rrd.value_log.loops import follow_sums
+
+        if self.formula is None:
+            raise ValueError("sums without their formula")
+        distances = np.empty(len(cells))
+        for part in (slice(0, in_front), slice(in_front, None)):
+            distances[part] = self.distances_m(reading.sensor_m, cells[part])
+        sums: Floats = follow_sums(
+            cells, in_front, distances, self._sums, reading.numbers, self.formula.numbers
+        )
+        return sums
+
+    def values_of(self, sums: Floats) -> Singles:
+        """The values that sums should stand for."""
+        from replay.rrd.value_log.loops import values_of_sums
+
+        assert self.formula is not None
+        values: Singles = values_of_sums(
+            sums, self.formula.numbers, logarithms(), self.formula.curve
+        )
+        return values
+
+    def settle_sums(self, cells: Cells, sums: Floats, values: Singles) -> None:
+        """Take over what became of cells."""
+        from replay.rrd.value_log.loops import settle_sums
+
+        settle_sums(cells, sums, values, self._sums, self.values.ravel())
 
     def replace(self, window: Window, values: Singles) -> None:
         """Take over values that are given, in a window."""

@@ -1,0 +1,106 @@
+"""Single wrong echoes, and the reading filter that the map gains by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mapping.config import Sensor
+from mapping.diagnosis.case import Case
+from mapping.diagnosis.causes.interface import Cause, Suspect
+from mapping.diagnosis.hypothesis import Hypothesis
+from mapping.filters import FILTERS
+from mapping.placer import Placer
+from mapping.scoring.held_out import Gain
+from recorder.columns import Ints
+
+LEAST_GAIN = 0.02  # in log-likelihood a reading: every sensor errs now and then
+_LEVEL = 0.99
+_MOST_REJECTED = 0.5  # of a sensor's readings: a filter that leaves out more is no filter
+_TRIED: tuple[tuple[str, int], ...] = (("median", 3), ("median", 5), ("agree", 2), ("predicted", 3))
+_NAMED = {
+    "median": "a median of {of}", "agree": "{of} in a row that agree",
+    "predicted": "to hold them against the map so far",
+}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class _Tried:
+    """A filter, which readings it rejects, and what the map of the others gains by it."""
+
+    filter: str
+    of: int
+    rejected: NDArray[np.bool_]
+    gain: Gain
+
+
+class WrongEchoes(Cause):
+    """Each sensor of single ranges with each filter: named where the score gains by one."""
+
+    name, title = "wrong-echoes", "single readings are wrong, and a filter helps"
+    needs_walls = False
+
+    def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
+        """The filter by which a sensor's map predicts its kept readings best."""
+        for sensor in case.readings.sensors:
+            if sensor.name in (*case.thin, *case.wide) and not _scans(case, sensor.name):
+                known = case.placed.sensors[sensor.name]
+                tried = [] if known.filter != "off" else list(_tries(case, hypothesis, known))
+                if tried:
+                    yield _suspect(case, known, max(tried, key=lambda each: each.gain.mean))
+
+
+def _tries(case: Case, hypothesis: Hypothesis, sensor: Sensor) -> Iterator[_Tried]:
+    """The filters that count: both scores are of the readings that are kept."""
+    readings = case.session.under(hypothesis)
+    before = case.score(hypothesis, [sensor.name])
+    mine = np.zeros(len(readings), np.bool_)
+    mine[case.rows_of(sensor.name)] = True
+    for name, of in _TRIED:
+        times = _rejected_ns(case, replace(sensor, filter=name, filter_of=of))
+        rejected = mine & np.isin(readings.t_ns, times)
+        if not 0 < rejected.sum() <= _MOST_REJECTED * mine.sum():
+            continue
+        gain = case.judged(readings, [sensor.name], ~rejected).gain_over(before, level=_LEVEL)
+        if gain.low > 0.0 and gain.mean >= LEAST_GAIN:
+            yield _Tried(name, of, rejected, gain)
+
+
+def _rejected_ns(case: Case, sensor: Sensor) -> Ints:
+    """When the readings were taken that a sensor's filter rejects."""
+    placement = case.placed.placement
+    sensors = tuple(sensor if s.name == sensor.name else s for s in placement.sensors)
+    placer = Placer(case.config, replace(placement, sensors=sensors))
+    for block in case.placed.columns():
+        placer.take(block)
+    reason = FILTERS[sensor.filter].reason
+    found = [each.t_ns for each in placer.dropped_at if each.reason == reason]
+    return np.concatenate([np.zeros(0, np.int64), *found])
+
+
+def _suspect(case: Case, sensor: Sensor, best: _Tried) -> Suspect:
+    rows = np.flatnonzero(best.rejected)
+    share = len(rows) / len(case.rows_of(sensor.name))
+    how = _NAMED[best.filter].format(of=best.of)
+    keys = {"filter": best.filter}
+    settings = {"sensors": {sensor.name: {**keys, **_of(best)}}}
+    return Suspect(
+        WrongEchoes.name, sensor.name,
+        f"{share:.0%} of the readings of {sensor.name} are wrong alone: {how} leaves them out",
+        ("the map of the other readings predicts those that are kept better without them",),
+        best.gain.mean, "almost certain" if best.gain.low > 0.3 * best.gain.mean else "likely",
+        settings=settings, value=share, unit="share", gain=best.gain,
+        seconds=tuple((case.seconds(row), case.seconds(row)) for row in rows[:20].tolist()),
+    )  # fmt: skip
+
+
+def _of(best: _Tried) -> dict[str, int]:
+    return {} if best.of == FILTERS[best.filter].of else {"filter_of": best.of}
+
+
+def _scans(case: Case, sensor: str) -> bool:
+    rows = case.rows_of(sensor)
+    return bool((np.diff(case.readings.begins)[rows] > 1).any())

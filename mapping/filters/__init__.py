@@ -1,0 +1,10 @@
+"""Reading filters: wrong ranges are left out before they reach a map, and each can be looked at."""
+
+from __future__ import annotations
+
+from mapping.filters.neighbours import Neighbours
+from mapping.filters.prediction import PredictionFilter
+from mapping.filters.rejections import Rejections
+from mapping.filters.table import FILTERS, OFF, Verdicts
+
+__all__ = ["FILTERS", "OFF", "Neighbours", "PredictionFilter", "Rejections", "Verdicts"]
