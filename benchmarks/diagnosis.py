@@ -139,6 +139,8 @@ PLANTED = (
     Planted("places drift by 5 cm a minute",
             lambda seed: replace(SOUND, pose_drift_mpmin=0.05), "drift",
             lambda s, seed: s.unit == "m/s"),
+    Planted("half of the sonar's ranges at random", lambda seed: _sensor("ping", random=0.5),
+            "far-echoes"),
 )  # fmt: skip
 
 

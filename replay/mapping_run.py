@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
-from mapping.placed_session import PlacedSession, place_session
+from mapping.placed_session import place_session
 from mapping.probing import CellProbe
 from recorder.errors import BadInput
 from recorder.names import printable
@@ -31,7 +31,6 @@ Step = TypeVar("Step")
 Taker = Callable[[Artifact], None]
 
 _PROGRESS_EVERY = 50  # readings
-_MOST_LOOKED_AT = 200_000  # readings: more take a while to go through once more
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,19 +108,11 @@ def map_session(
 
         layers = [snapshot.layer for snapshot in collector.snapshots.values()]
         write_bag(bag, layers, poses, force=force)
+    from mapping.diagnosis.diagnosing import worst_line
+
     left_out = "" if writer is None else writer.left_out
-    notes = (*session.notes, *_worst(placed, config, counts.readings))
+    notes = (*session.notes, *filter(None, [worst_line(placed, config)]))
     return result_of(collector, session.damage, left_out, probes=followed, rrd=rrd, notes=notes)
-
-
-def _worst(placed: PlacedSession, config: MappingConfig, readings: int) -> Iterator[str]:
-    """What is plainly wrong, where it costs nothing to see."""
-    if readings > _MOST_LOOKED_AT:
-        return
-    from mapping.diagnosis.diagnosing import at_first_sight
-
-    if text := at_first_sight(placed, config):
-        yield f"{text}: see echogrid diagnose"
 
 
 def cores() -> int:

@@ -27,6 +27,23 @@ def score(
     threads: int = 1,
 ) -> Judged:
     """Each reading by the map of the others; by that of all sensors ``together``, or of its own."""
+    occupied = occupied_by_others(
+        readings, block, blocks, geometry, together=together, threads=threads
+    )
+    return judge(readings, block, blocks, geometry, occupied)
+
+
+def occupied_by_others(
+    readings: Readings,
+    block: Ints,
+    blocks: int,
+    geometry: GridGeometry,
+    *,
+    together: bool = False,
+    threads: int = 1,
+) -> dict[str, NDArray[np.float32]]:
+    """By layer, (F, rows, cols): the maps without the blocks of fold f, as :func:`judge` takes
+    them."""
     folds = min(FOLDS, blocks)
     fold = block % folds
     stacks: dict[str, NDArray[np.float32]] = {}
@@ -44,4 +61,4 @@ def score(
     for name, odds in stacks.items():
         others = odds.sum(axis=0) - odds
         occupied[name] = as_occupied(1.0 / (1.0 + np.exp(-others)), geometry.resolution_m)
-    return judge(readings, block, blocks, geometry, occupied)
+    return occupied

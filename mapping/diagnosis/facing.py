@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.hypothesis import Hypothesis
@@ -25,6 +26,8 @@ _INSIDE = 0.8  # of the half cone
 _NEAR_M = 0.12
 _LEAST_M = 0.05
 _FEWEST = 80
+_STEEPEST_RAD = math.radians(75.0)
+_PAST_M, _PAST = 0.1, 0.05  # so much past a wall, and of its distance besides, is no noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -183,3 +186,36 @@ def _falls(angle_rad: Floats, share: Floats) -> float | None:
     above, below = share[at - 1], share[at]
     part = (above - 0.5) / max(above - below, 1e-9)
     return float(angle_rad[at - 1] + part * (angle_rad[at] - angle_rad[at - 1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Overshoot:
+    """Pings whose axis meets a wall of the thin beams: at which angle of incidence, how much
+    farther than that wall they measured, and whether that is past it for certain; (N,) each."""
+
+    angle_rad: Floats
+    beyond_m: Floats
+    past: NDArray[np.bool_]
+
+
+def overshoot(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) -> Overshoot | None:
+    """By the nearest wall on each axis; None where too few meet one."""
+    readings = case.session.under(hypothesis)
+    rows = case.rows_of(sensor)
+    rows = rows[np.isfinite(readings.ranges_m[readings.begins[rows]])]
+    if not len(walls.offset_m) or len(rows) < _FEWEST:
+        return None
+    view = _view(readings, rows, walls)
+    on_axis = (view.away_m > _LEAST_M) & (np.abs(view.angle_rad) < _STEEPEST_RAD)
+    # Where the axis meets the wall: to the side of its foot, by the angle between the two.
+    met_m = view.across_m - view.away_m * np.tan(np.where(on_axis, view.angle_rad, 0.0))
+    on_axis &= (met_m > walls.low_m) & (met_m < walls.high_m)
+    along_m = np.where(on_axis, view.away_m / np.cos(view.angle_rad), np.inf)
+    nearest = np.argmin(along_m, axis=1)
+    each = np.arange(len(rows))
+    ahead_m, there = along_m[each, nearest], on_axis.any(axis=1)
+    if there.sum() < _FEWEST:
+        return None
+    beyond_m = view.measured_m[there] - ahead_m[there]
+    past = beyond_m > _PAST_M + _PAST * ahead_m[there]
+    return Overshoot(np.abs(view.angle_rad[each, nearest][there]), beyond_m, past)

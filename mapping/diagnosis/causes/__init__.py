@@ -7,6 +7,7 @@ from mapping.diagnosis.causes.cones import Cones
 from mapping.diagnosis.causes.cross_talk import CrossTalk
 from mapping.diagnosis.causes.headings import Drift, Headings
 from mapping.diagnosis.causes.interface import Cause
+from mapping.diagnosis.causes.mirrors import Mirrors
 from mapping.diagnosis.causes.mount import Mount
 from mapping.diagnosis.causes.pose_time import PoseTime
 from mapping.diagnosis.causes.poses import Poses
@@ -17,5 +18,5 @@ from mapping.diagnosis.causes.wrong_echoes import WrongEchoes
 
 CAUSES: tuple[Cause, ...] = (
     Channels(), Silence(), Poses(), PoseTime(), Headings(), Drift(), Mount(), RangeScale(), Cones(),
-    CrossTalk(), Smoothing(), WrongEchoes(),
+    CrossTalk(), Mirrors(), Smoothing(), WrongEchoes(),
 )  # fmt: skip
