@@ -92,7 +92,7 @@ def test_each_reading_goes_by_the_model_of_its_range(
 
 
 def test_the_temp_grids_that_are_shown_are_what_the_kernels_add() -> None:
-    sensor = several(model="fading")
+    sensor = several(model="fading", update="bayes")
     readings = readings_of((sensor,), [0] * len(RANGES), RANGES)
     fast, slow = LayerMap("made", [sensor], GRID), start("bayes", GRID)
     fast.merge_many(readings)
