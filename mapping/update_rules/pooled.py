@@ -119,8 +119,8 @@ def _distances(temp: TempGrid) -> tuple[Floats, Floats, Floats, Floats]:
     """How far columns, rows and cells are from the sensor, and the range of the nearest axis."""
     (x0, y0), size, window = temp.geometry.origin_m, temp.geometry.resolution_m, temp.window
     origin, beam = temp.beam.world_from_sensor, temp.beam
-    x_m: Floats = (np.arange(window.cols) + window.col0 + 0.5) * size + x0 - origin.x_m
-    y_m: Floats = (np.arange(window.rows) + window.row0 + 0.5) * size + y0 - origin.y_m
+    x_m = (np.arange(window.cols, dtype=np.float64) + window.col0 + 0.5) * size + x0 - origin.x_m
+    y_m = (np.arange(window.rows, dtype=np.float64) + window.row0 + 0.5) * size + y0 - origin.y_m
     rho: Floats = np.sqrt(np.square(x_m)[None, :] + np.square(y_m)[:, None])
     if len(beam.ranges_m) == 1:
         return x_m, y_m, rho, np.full(rho.shape, float(beam.ranges_m[0]))

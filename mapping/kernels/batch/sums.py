@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mapping.kernels.batch.cell_tables import SATURATING
+from mapping.kernels.batch.cell_tables import POOLED, SATURATING
 from mapping.kernels.batch.fading import NEAR_M
 from mapping.kernels.batch.lanes import ROOM, WITH_LANES, free_loop, loop
 from mapping.kernels.batch.lanes_of_sums import lanes_of_pooled, lanes_of_saturating
@@ -32,6 +32,7 @@ from mapping.kernels.batch.spans import (
     spans_of_rows,
     widths_of,
 )  # fmt: skip
+from mapping.kernels.batch.steps import LANES
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -53,6 +54,7 @@ FARTHEST, FROM, END = range(2, 5)
 HITS, MISSES, ON_ARC, BEFORE_ARC, MISSES_NEAR, MISSES_MIDDLE, NEAREST_MISS, NEAREST_HIT = range(8)
 FOR, AGAINST = range(2)
 ONE = 2.0**24  # steps in evidence of 1
+_WORTH = 1024  # cells of the map for each reading: for fewer readings tiles are not worth it
 _CLAMP = 13.8  # of one reading's evidence
 _ROUNDING_M = 1e-9
 
@@ -169,17 +171,6 @@ def add_saturating_plainly(
 
 
 @loop
-def add_saturating_in_lanes(
-    cells: Floats, rows: Rows, spans: Columns, shift: int, of: Scratch, sensor: Floats,
-    reading: Floats,
-) -> None:  # fmt: skip
-    """The same, several cells at a time."""
-    numbers = sensor[WITH_FREE], reading[ADDED], sensor[MISS], _CLAMP
-    lanes_of_saturating(cells, rows, spans, np.int32(shift), of.faded_across, of.faded_down,
-                        of.bell, of.row_bell, numbers)  # fmt: skip
-
-
-@loop
 def _square_from(value: float) -> float:
     """The least number whose square root is not below a value."""
     if value <= 0.0 or value == math.inf:
@@ -219,19 +210,75 @@ def add_pooled_plainly(
 
 
 @loop
-def add_pooled_in_lanes(
-    cells: Floats, rows: Rows, spans: Columns, shift: int, of: Scratch, sensor: Floats,
-    reading: Floats, squares: Floats,
+def add_rows_plainly(
+    cells: Floats, tiles: Columns, what: int, rows: Rows, spans: Columns, shift: int, of: Scratch,
+    sensor: Floats, reading: Floats, squares: Floats,
+) -> int:  # fmt: skip
+    """All rows of a reading; ``tiles`` stay empty."""
+    if what == SATURATING:
+        add_saturating_plainly(cells, rows, spans, shift, of, sensor, reading)
+    else:
+        add_pooled_plainly(cells, rows, spans, shift, of, sensor, reading, squares)
+    return 0
+
+
+@loop
+def add_rows_in_lanes(
+    cells: Floats, tiles: Columns, what: int, rows: Rows, spans: Columns, shift: int, of: Scratch,
+    sensor: Floats, reading: Floats, squares: Floats,
+) -> int:  # fmt: skip
+    """The same, several cells at a time, into ``tiles``; not 0 where they have to be emptied."""
+    lines = (rows[0], rows[1], rows[2], rows[0] // rows[1])
+    added, to = np.int32(np.rint(reading[ADDED] * ONE)), np.int32(shift)
+    if what == SATURATING:
+        return int(lanes_of_saturating(
+            cells, tiles, lines, spans, to, of.faded_across, of.faded_down, of.bell, of.row_bell,
+            added, (sensor[WITH_FREE], sensor[MISS], _CLAMP),
+        ))  # fmt: skip
+    numbers = (sensor[WITH_FREE], reading[RANGE], squares[NEARER], squares[MIDDLE],
+               squares[FARTHEST], squares[FROM], squares[END])  # fmt: skip
+    return int(lanes_of_pooled(cells, tiles, lines, spans, to, of.across, of.down, of.faded_across,
+                               of.faded_down, added, numbers))  # fmt: skip
+
+
+_add_rows: Any = add_rows_in_lanes if WITH_LANES else add_rows_plainly
+
+
+@loop
+def _empty_tiles(
+    cells: Floats, tiles: Columns, what: int, first: int, step: int, count: int, col0: int,
+    col1: int,
 ) -> None:  # fmt: skip
-    """The same, several cells at a time."""
-    numbers = (sensor[WITH_FREE], reading[ADDED], reading[RANGE], squares[NEARER],
-               squares[MIDDLE], squares[FARTHEST], squares[FROM], squares[END])  # fmt: skip
-    lanes_of_pooled(cells, rows, spans, np.int32(shift), of.across, of.down, of.faded_across,
-                    of.faded_down, numbers)  # fmt: skip
+    """Move what the tiles of some rows and of the columns col0 to col1 - 1 hold into the map."""
+    lines = 2 if what == SATURATING else 5
+    for k in range(count):
+        row, own = first + k * step, first // step + k
+        for group in range(col0 // LANES, (col1 + LANES - 1) // LANES):
+            tile = tiles[own, group * lines * LANES : (group + 1) * lines * LANES]
+            for c in range(LANES):
+                col = group * LANES + c
+                cells[0, row, col] += tile[c] / ONE
+                cells[1, row, col] += tile[LANES + c] / ONE
+                tile[c] = tile[LANES + c] = 0
+            if what == SATURATING:
+                continue
+            for c in range(LANES):
+                counts, col = tile[2 * LANES + c], group * LANES + c
+                cells[MISSES_NEAR, row, col] += counts & 255
+                cells[MISSES_MIDDLE, row, col] += counts >> 8 & 255
+                cells[BEFORE_ARC, row, col] += counts >> 16 & 255
+                cells[ON_ARC, row, col] += counts >> 24 & 255
+                tile[2 * LANES + c] = 0
 
 
-_add_saturating: Any = add_saturating_in_lanes if WITH_LANES else add_saturating_plainly
-_add_pooled: Any = add_pooled_in_lanes if WITH_LANES else add_pooled_plainly
+@loop
+def _empty_all(cells: Floats, tiles: Columns, what: int, seen: Bits, part: int, parts: int) -> None:
+    """Move all that the tiles hold into the map."""
+    for k in range(seen.shape[0]):
+        for word in range(seen.shape[1]):
+            if seen[k, word] != 0:
+                last = min((word + 1) * 64, cells.shape[2])
+                _empty_tiles(cells, tiles, what, part + k * parts, parts, 1, word * 64, last)
 
 
 @loop
@@ -264,11 +311,11 @@ def _add_wide(
 
 @loop
 def _add_wedge(
-    cells: Floats, what: int, place: Place, beam: Beam, sensor: Floats, reading: Floats,
-    box: tuple[int, int, int, int], rows: Rows, spans: Columns, of: Scratch,
+    cells: Floats, tiles: Columns, what: int, place: Place, beam: Beam, sensor: Floats,
+    reading: Floats, box: tuple[int, int, int, int], rows: Rows, spans: Columns, of: Scratch,
     squares: Floats,
-) -> None:  # fmt: skip
-    """Some rows of one beam, ``spans`` being theirs."""
+) -> int:  # fmt: skip
+    """Some rows of one beam, ``spans`` being theirs; not 0 where tiles have to be emptied."""
     size, shift, fade_m = place.size_m, place.col0, sensor[FADE]
     near = sensor[MISS] * sensor[NEAR] if what == SATURATING else 0.0
     first, count = box[2] - shift, box[3] - box[2]
@@ -276,12 +323,33 @@ def _add_wedge(
              place.origin_x_m, beam.x, fade_m, 1.0 if near > 0.0 else 0.0)  # fmt: skip
     _measure(of.down, of.faded_down, of.row_bell, rows[2], rows[0] + place.row0, rows[1], size,
              place.origin_y_m, beam.y, fade_m, near)  # fmt: skip
-    if what == SATURATING:
-        _add_saturating(cells, rows, spans, shift, of, sensor, reading)
+    if what == POOLED:
+        squares[FROM] = _square_from(np.nextafter(reading[LAST], math.inf))
+        squares[END] = _square_from(np.nextafter(reading[ARC_END], math.inf))
+    if tiles.size == 0:
+        return int(add_rows_plainly(cells, tiles, what, rows, spans, shift, of, sensor, reading,
+                                squares))  # fmt: skip
+    return int(_add_rows(cells, tiles, what, rows, spans, shift, of, sensor, reading, squares))
+
+
+@loop
+def _cell_of(
+    cells: Floats, tiles: Columns, own: int, row: int, col: int, kept: Floats, small: Columns,
+    back: bool,
+) -> None:  # fmt: skip
+    """Keep what is known of a cell in ``kept`` and ``small``, or bring it back."""
+    if back:
+        cells[:, row, col] = kept
+    else:
+        kept[:] = cells[:, row, col]
+    if tiles.size == 0:
         return
-    squares[FROM] = _square_from(np.nextafter(reading[LAST], math.inf))
-    squares[END] = _square_from(np.nextafter(reading[ARC_END], math.inf))
-    _add_pooled(cells, rows, spans, shift, of, sensor, reading, squares)
+    at = col // LANES * small.size * LANES + col % LANES
+    for line in range(small.size):
+        if back:
+            tiles[own, at + line * LANES] = small[line]
+        else:
+            small[line] = tiles[own, at + line * LANES]
 
 
 @loop
@@ -313,14 +381,16 @@ def add_sums(
     SATURATING or POOLED, in its order; ``observed`` (rows, cols) gets the cells of which anything
     was said. ``sensors`` (S, 6) and ``limits`` (6,) hold what is named above.
     """
-    rows, cols = observed.shape
+    (rows, cols), lines = observed.shape, 2 if what == SATURATING else 5
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     seen, widths = blank_seen(rows, cols, part, parts), widths_of(sensors[:, HALF_WIDTH])
-    of, squares = _scratch(rows, cols), _squares_of(limits)
-    reading, before = np.empty(4), np.empty(cells.shape[0])
+    of, squares, reading = _scratch(rows, cols), _squares_of(limits), np.empty(4)
+    kept, small = np.empty(cells.shape[0]), np.zeros(lines, np.int32)
     xs, ys, headings, ranges, fronts, bands, names = readings
+    tiled = seen.shape[0] if xs.size * _WORTH >= observed.size else 0
+    tiles = np.zeros((tiled, cells.shape[2] * lines), np.int32)
     for i in range(xs.size):
-        sensor = sensors[names[i]]
+        sensor, full = sensors[names[i]], 0
         beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
         box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
         _describe(reading, what, sensor, ranges[i], bands[i], place.size_m, limits)
@@ -329,18 +399,23 @@ def add_sums(
         row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
                               count, spare)  # fmt: skip
         if row >= 0:
-            before[:] = cells[:, row, col]
+            _cell_of(cells, tiles, row // parts, row, col, kept, small, False)
         if count > 0 and beam.half > WIDEST_RAD:
             _add_wide(cells, what, seen, place, beam, sensor, reading, limits, box, parts)
         elif count > 0:
             free = sensor[WITH_FREE] != 0.0
             mark_rows(seen, first // parts, count, place.col0, spans, free)
-            _add_wedge(cells, what, place, beam, sensor, reading, box, (first, parts, count),
-                       spans, of, squares)  # fmt: skip
+            full = _add_wedge(cells, tiles, what, place, beam, sensor, reading, box,
+                              (first, parts, count), spans, of, squares)  # fmt: skip
         if row >= 0:  # the obstacle's cell is the band, whatever ran through it
-            cells[:, row, col] = before
+            _cell_of(cells, tiles, row // parts, row, col, kept, small, True)
             dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
             dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
             _cell(cells, what, row, col, False, dx, dy, sensor, reading, limits)
             mark(seen, row // parts, col, col, col, col + 1, True)
+        if full != 0:
+            _empty_tiles(cells, tiles, what, first, parts, count, box[2] - place.col0,
+                         box[3] - place.col0)  # fmt: skip
+    if tiled:
+        _empty_all(cells, tiles, what, seen, part, parts)
     mark_seen(seen, observed, part, parts)
