@@ -59,6 +59,8 @@ class Pooled(UpdateRule):
             "", description="sonar, infrared, laser, or a TOML file of weights (docs/rules.md)"
         )
 
+    multiplies_odds = False
+
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return {"weights": MEDIUM[kind.radiation]}
 

@@ -64,6 +64,7 @@ class MapState:
             and type(rule).probability_of_values is UpdateRule.probability_of_values
             and not rule.against_largest
         )
+        self._has_terms = type(rule).terms is not UpdateRule.terms  # somebody may ask about sums
         self._steps: NDArray[np.int32] | None = None
         self._stack = blank_stack(0, *geometry.shape)
         self._arrays: Cells = {}
@@ -117,19 +118,9 @@ class MapState:
         if self._forgetting is not None:
             self._forgetting.draw(self._cut(temp.window), temp.window, temp.beam.t_ns)
         before = self._largest_in(temp.window)
-        old = self._kept_sums(temp.window)
-        if kernel is None:
-            self._merge_cells(temp)
-        elif not temp.window.empty:
-            self._change(temp.window, kernel)
+        sums = self._summed(temp, kernel)
         self._follow_largest(temp.window, before)
-        cells, sums = self._cut(temp.window), None
-        if old is not None:
-            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule.terms)
-        probability = self.rule.probability(cells, self._largest).astype(np.float32)
-        values = probability
-        if not self._values_are_probabilities:
-            values = self.rule.values(cells).astype(np.float32)
+        probability, values = self._now(temp.window, previous, sums)
         self._probability[here] = probability
         if kernel is None:  # a rule for thin beams may change cells whose centres lie beside
             self._observed[here] |= probability != previous
@@ -138,8 +129,47 @@ class MapState:
         return MergedGrid(
             beam=temp.beam, layer=temp.beam.layer, rule=self.rule.name, kind=self.rule.kind,
             geometry=self.geometry, window=temp.window, values=values, probability=probability,
-            previous=previous, sums=sums,
+            previous=previous, sums=sums if self._has_terms else None,
         )  # fmt: skip
+
+    def _summed(self, temp: TempGrid, kernel: Kernel | None) -> Sums | None:
+        """Add one reading to the cells; what they held before and hold now, of several sums."""
+        window = temp.window
+        if kernel is None:
+            old = self._copied(window) if self._has_terms else {}
+            self._merge_cells(temp)
+            return Sums(old, self._copied(window), self.rule.terms) if old else None
+        if self._steps is not None:
+            if not window.empty:
+                self._change_steps(window, kernel)
+            return None
+        old_stack, new_stack = self._change_stack(window, kernel)
+        names = self._arrays
+        return Sums(
+            dict(zip(names, old_stack, strict=True)), dict(zip(names, new_stack, strict=True)),
+            self.rule.terms,
+        )  # fmt: skip
+
+    def _now(
+        self, window: Window, previous: NDArray[np.float32], sums: Sums | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Probability and values of a window that holds its new sums.
+
+        Of sums of which we know what they were, only the cells that changed are worked out.
+        """
+        if sums is None or not self._values_are_probabilities or self._forgetting is not None:
+            cells = self._cut(window)
+            probability = self.rule.probability(cells, self._largest).astype(np.float32)
+            if self._values_are_probabilities:
+                return probability, probability
+            return probability, self.rule.values(cells).astype(np.float32)
+        changed = np.zeros(previous.shape, np.bool_)
+        for name, array in sums.after.items():
+            changed |= array != sums.before[name]
+        cells = {name: array[changed] for name, array in sums.after.items()}
+        probability = previous.copy()
+        probability[changed] = self.rule.probability(cells, self._largest)
+        return probability, probability
 
     def merge_many(self, kernel: Kernel) -> None:
         """Let a kernel add readings to the whole map; what each of them changes is not looked at.
@@ -150,24 +180,29 @@ class MapState:
         kernel(Target(array, self._observed, self._place(0, 0)))
         self._stale = True
 
-    def _change(self, window: Window, kernel: Kernel) -> None:
+    def _change_steps(self, window: Window, kernel: Kernel) -> None:
         """Let a kernel change a window: on a copy of it, as it wants whole rows."""
-        observed = self._observed[window.slices].copy()
-        place = self._place(window.row0, window.col0)
-        if self._steps is None:
-            cut = blank_stack(len(self._stack), window.rows, window.cols)
-            own = cut[:, :, : window.cols]
-            own[...] = self._stack[:, *window.slices]
-            kernel(Target(cut, observed, place))
-            self._stack[:, *window.slices] = own
-        else:
-            from mapping.kernels.batch import steps
+        from mapping.kernels.batch import steps
 
-            cells = steps.blank(window.rows, window.cols)
-            cells[:, : window.cols] = self._steps[window.slices]
-            kernel(Target(cells, observed, place))
-            self._steps[window.slices] = cells[:, : window.cols]
+        assert self._steps is not None
+        observed = self._observed[window.slices].copy()
+        cells = steps.blank(window.rows, window.cols)
+        cells[:, : window.cols] = self._steps[window.slices]
+        kernel(Target(cells, observed, self._place(window.row0, window.col0)))
+        self._steps[window.slices] = cells[:, : window.cols]
         self._observed[window.slices] = observed
+
+    def _change_stack(self, window: Window, kernel: Kernel) -> tuple[Floats, Floats]:
+        """The same for a rule of several arrays: what a window held, and what it holds now."""
+        observed = self._observed[window.slices].copy()
+        cut = blank_stack(len(self._stack), window.rows, window.cols)
+        old, new = self._stack[:, *window.slices].copy(), cut[:, :, : window.cols]
+        new[...] = old
+        if not window.empty:
+            kernel(Target(cut, observed, self._place(window.row0, window.col0)))
+        self._stack[:, *window.slices] = new
+        self._observed[window.slices] = observed
+        return old, new
 
     def _merge_cells(self, temp: TempGrid) -> None:
         """Merge what a temp grid holds, cell by cell."""
@@ -215,10 +250,7 @@ class MapState:
             return {"log_odds": log_odds}
         return {name: array[window.slices] for name, array in self._arrays.items()}
 
-    def _kept_sums(self, window: Window) -> Cells | None:
-        """A copy of the cells of a window, for a rule whose sums somebody may ask about."""
-        if type(self.rule).terms is UpdateRule.terms:
-            return None
+    def _copied(self, window: Window) -> Cells:
         return {name: array.copy() for name, array in self._cut(window).items()}
 
     def _largest_in(self, window: Window) -> float:
