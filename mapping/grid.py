@@ -8,6 +8,7 @@ centre stands half a cell further. This is the only place where the rule is writ
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +18,7 @@ from recorder.errors import BadInput
 
 FloatArray = NDArray[np.float64]
 BYTES_PER_CELL = 30  # of each layer, measured: the rule's array, what is drawn and what is exported
+BYTES_PER_SUM = 8  # of a cell: each further array of a rule that keeps several
 
 
 def read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
@@ -131,10 +133,14 @@ def check_size(rows: int, cols: int, *, resolution_m: float, max_cells: int) -> 
         )
 
 
-def check_memory(geometry: GridGeometry, layers: int, max_memory_mb: float) -> None:
-    """Refuse maps of so many layers, and the one fused of them, that would take too much memory."""
-    cells = geometry.rows * geometry.cols
-    needed_mb = cells * (layers + (layers > 1)) * BYTES_PER_CELL / 1e6
+def check_memory(geometry: GridGeometry, arrays: Sequence[int], max_memory_mb: float) -> None:
+    """Refuse maps, and the one fused of them, that would take too much memory.
+
+    ``arrays`` are how many arrays the rule of each layer keeps.
+    """
+    cells, layers = geometry.rows * geometry.cols, len(arrays)
+    further = BYTES_PER_SUM * sum(max(number - 1, 0) for number in arrays)
+    needed_mb = cells * ((layers + (layers > 1)) * BYTES_PER_CELL + further) / 1e6
     if needed_mb > max_memory_mb:
         raise BadInput(
             f"maps of {geometry.cols} x {geometry.rows} = {cells:,} cells in "

@@ -2,7 +2,7 @@
 
 A stretch of readings that nobody looks at goes through the batch kernels as a whole. A reading
 that somebody watches goes as beam, temp grid and merged grid, and is added by the same kernel,
-alone, to a copy of the cells that it can change: so both give the same map, to the bit.
+alone, to the cells that it can change: so both give the same map, to the bit.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ from mapping.artifacts import Artifact
 from mapping.batches import Adder, adder_of, adders, runs_of
 from mapping.config_sections import GridSection
 from mapping.grid import GridGeometry, Layer, check_memory
+from mapping.names import choose
 from mapping.parameters import Sensor
 from mapping.readings import Readings
 from mapping.sensor_model import make_temp_grid
 from mapping.update_rules import start
+from mapping.update_rules.rules import UPDATE_RULES
 from recorder.columns import Ints
 
 _SLOWLY = ""
@@ -115,6 +117,9 @@ def empty_maps(
 
     Raises BadInput where they would take more memory than the configuration allows.
     """
-    layers = dict.fromkeys(sensor.layer for sensor in sensors)
-    check_memory(geometry, len(layers), section.max_memory_mb)
+    layers = {
+        sensor.layer: choose(UPDATE_RULES, sensor.update, "update rule") for sensor in sensors
+    }
+    arrays = [len(rule.start) for rule in layers.values()]
+    check_memory(geometry, arrays, section.max_memory_mb)
     return {name: LayerMap(name, sensors, geometry, threads=threads) for name in layers}
