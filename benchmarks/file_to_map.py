@@ -137,7 +137,8 @@ def main() -> None:
     if asked.through is not None:
         through(asked.through, config, asked.threads)
     elif asked.memory is not None:
-        memory(asked.memory, [f"--threads={asked.threads}"])
+        more = [f"--set={setting}" for setting in asked.settings]
+        memory(asked.memory, [f"--threads={asked.threads}", *more])
     elif asked.session is not None:
         shares(asked.session, config, asked.rounds, asked.threads)
     else:

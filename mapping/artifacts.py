@@ -54,19 +54,28 @@ class HasTerms(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Sums:
-    """What a rule of several sums holds of a window's cells, before a reading and after it.
+    """What a rule of several sums holds of some of a window's cells, before a reading and after it.
 
-    ``rule`` is the update rule, whose terms state what each sum adds to the log-odds.
+
+    ``cells`` (N,) are these in ascending order, row times columns of the window plus column; no
+    other one changed. Of each array of the rule there are the N numbers. ``rule`` is the update
+    rule, whose terms state what each sum adds to the log-odds.
     """
 
+    cells: NDArray[np.int64]
+    cols: int
     before: Mapping[str, NDArray[np.float64]]
     after: Mapping[str, NDArray[np.float64]]
     rule: HasTerms
 
     def changes(self, row: int, col: int) -> tuple[tuple[str, float], ...]:
         """By how much each term of a cell of the window changed, the largest first."""
+        cell = row * self.cols + col
+        at = int(np.searchsorted(self.cells, cell))
+        if at == len(self.cells) or self.cells[at] != cell:
+            return ()
         old, new = (
-            self.rule.terms({name: array[row, col : col + 1] for name, array in sums.items()})
+            self.rule.terms({name: array[at : at + 1] for name, array in sums.items()})
             for sums in (self.before, self.after)
         )
         changed = [(name, float(new[name][0] - old[name][0])) for name in new]

@@ -2,7 +2,7 @@
 
 A stretch of readings that nobody looks at goes through the batch kernels as a whole. A reading
 that somebody watches goes as beam, temp grid and merged grid, and is added by the same kernel,
-alone, to a copy of the cells that it can change: so both give the same map, to the bit.
+alone, to the cells that it can change: so both give the same map, to the bit.
 """
 
 from __future__ import annotations

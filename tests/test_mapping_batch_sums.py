@@ -92,3 +92,25 @@ def test_the_cell_of_an_obstacle_is_the_band_and_nothing_else():
     assert state.cells["on_arc"][row, col] == 1.0
     assert state.cells["misses"][row, col] == 0.0
     assert np.count_nonzero(state.cells["hits"]) == 1
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_readings_in_tiles_are_those_of_one_after_the_other(rule):
+    """So many readings that they go to tiles first, and fill them more than once."""
+    beams, which, _ = random_readings(5)
+    readings = placed(beams, which)
+    still = np.zeros(700, np.int64)  # one place: its sums grow past what a tile holds
+    rows = np.concatenate([np.arange(len(beams)), still, np.arange(len(beams))])
+    few, many = start(rule, GRID), start(rule, GRID)
+    numbers = list(range(len(SEVERAL)))
+    for name, adder in adders(few.rule, SEVERAL, numbers).items():
+        mine = [n for n in numbers if adder_of(few.rule, SEVERAL, n) == name]
+        own = rows[np.isin(readings.sensor[rows], mine)]
+        many.merge_many(lambda target, adder=adder, own=own: adder.add(target, readings, own, 1))
+        for row in own:  # one reading is added cell by cell
+            few.merge_many(
+                lambda target, adder=adder, row=row: adder.add(target, readings, np.array([row]), 1)
+            )
+    for name, array in few.cells.items():
+        np.testing.assert_array_equal(many.cells[name], array, err_msg=name)
+    np.testing.assert_array_equal(many.layer("").observed, few.layer("").observed)

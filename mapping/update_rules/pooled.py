@@ -71,6 +71,8 @@ class Pooled(UpdateRule):
                     raise ValueError(str(error)) from None
             return weights
 
+    multiplies_odds = False
+
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return {"weights": MEDIUM[kind.radiation]}
 

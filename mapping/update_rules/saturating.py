@@ -41,6 +41,8 @@ class Saturating(UpdateRule):
     class Parameters(UpdateRule.Parameters):
         saturation: Positive = Field(7.12, description="log-odds that no number of readings passes")
 
+    multiplies_odds = False
+
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return dict(_USUAL.get(kind.radiation, {})) if kind.model == "fading" else {}
 

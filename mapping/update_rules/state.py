@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from mapping.kernels.batch.readings import Place
 
 LANES = 16  # as in the kernels' ``batch/steps.py``
+_AT_ONCE = 1 << 18  # cells
 STEP = np.float64(2.0**-24)  # of log-odds
 
 
@@ -72,6 +73,7 @@ class MapState:
             and type(rule).probability_of_values is UpdateRule.probability_of_values
             and not rule.against_largest
         )
+        self._has_terms = type(rule).terms is not UpdateRule.terms  # somebody may ask about sums
         self._steps: NDArray[np.int32] | None = None
         self._stack = blank_stack(0, *geometry.shape)
         self._arrays: Cells = {}
@@ -125,19 +127,9 @@ class MapState:
         if self._forgetting is not None:
             self._forgetting.draw(self._cut(temp.window), temp.window, temp.beam.t_ns)
         before = self._largest_in(temp.window)
-        old = self._kept_sums(temp.window)
-        if kernel is None:
-            self._merge_cells(temp)
-        elif not temp.window.empty:
-            self._change(temp.window, kernel)
+        sums = self._summed(temp, kernel)
         self._follow_largest(temp.window, before)
-        cells, sums = self._cut(temp.window), None
-        if old is not None:
-            sums = Sums(old, self._kept_sums(temp.window) or {}, self.rule)
-        probability = self.rule.probability(cells, self._largest).astype(np.float32)
-        values = probability
-        if not self._values_are_probabilities:
-            values = self.rule.values(cells).astype(np.float32)
+        probability, values = self._now(temp.window, previous, sums)
         self._probability[here] = probability
         if kernel is None:  # a rule for thin beams may change cells whose centres lie beside
             self._observed[here] |= probability != previous
@@ -146,8 +138,50 @@ class MapState:
         return MergedGrid(
             beam=temp.beam, layer=temp.beam.layer, rule=self.rule.name, kind=self.rule.kind,
             geometry=self.geometry, window=temp.window, values=values, probability=probability,
-            previous=previous, sums=sums,
+            previous=previous, sums=sums if self._has_terms else None,
         )  # fmt: skip
+
+    def _summed(self, temp: TempGrid, kernel: Kernel | None) -> Sums | None:
+        """Add one reading to the cells; where there are several sums what it did to them."""
+        window = temp.window
+        cells = np.arange(window.rows * window.cols)
+        if kernel is not None:  # which covers no other cell than the temp grid
+            cells = np.flatnonzero(temp.free | temp.band)
+        before = self._sums_of(window, cells) if self._has_terms else {}
+        if kernel is None:
+            self._merge_cells(temp)
+        elif self._has_terms:
+            kernel(Target(self._stack, self._observed, self._place(0, 0)))
+        elif not window.empty:
+            self._change(window, kernel)
+        if not self._has_terms:
+            return None
+        after = self._sums_of(window, cells)
+        return Sums(cells, window.cols, before, after, self.rule)
+
+    def _sums_of(self, window: Window, cells: NDArray[np.int64]) -> Cells:
+        """The arrays of some cells of a window; a copy."""
+        if not len(self._stack):
+            return {name: array.ravel()[cells] for name, array in self._cut(window).items()}
+        inner_rows = cells // max(window.cols, 1)
+        inner_cols = cells - inner_rows * window.cols
+        flat = (inner_rows + window.row0) * self._stack.shape[2] + inner_cols + window.col0
+        some = np.take(self._stack.reshape(len(self._stack), -1), flat, axis=1)
+        return dict(zip(self._arrays, some, strict=True))
+
+    def _now(
+        self, window: Window, previous: NDArray[np.float32], sums: Sums | None
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Probability and values of a window; of sums only those of the cells that they name."""
+        if sums is None or not self._values_are_probabilities or self._forgetting is not None:
+            cells = self._cut(window)
+            probability = self.rule.probability(cells, self._largest).astype(np.float32)
+            if self._values_are_probabilities:
+                return probability, probability
+            return probability, self.rule.values(cells).astype(np.float32)
+        probability = previous.copy()
+        probability.ravel()[sums.cells] = self.rule.probability({**sums.after}, self._largest)
+        return probability, probability
 
     def merge_many(self, kernel: Kernel) -> None:
         """Let a kernel add readings to the whole map; what each of them changes is not looked at.
@@ -168,21 +202,20 @@ class MapState:
 
     def _change(self, window: Window, kernel: Kernel) -> None:
         """Let a kernel change a window: on a copy of it, as it wants whole rows."""
-        observed = self._observed[window.slices].copy()
-        place = self._place(window.row0, window.col0)
-        if self._steps is None:
-            cut = blank_stack(len(self._stack), window.rows, window.cols)
-            own = cut[:, :, : window.cols]
-            own[...] = self._stack[:, *window.slices]
-            kernel(Target(cut, observed, place))
-            self._stack[:, *window.slices] = own
-        else:
-            from mapping.kernels.batch import steps
+        from mapping.kernels.batch import steps
 
-            cells = steps.blank(window.rows, window.cols)
-            cells[:, : window.cols] = self._steps[window.slices]
-            kernel(Target(cells, observed, place))
-            self._steps[window.slices] = cells[:, : window.cols]
+        observed = self._observed[window.slices].copy()
+        place, columns = self._place(window.row0, window.col0), np.s_[..., : window.cols]
+        stack: NDArray[Any]
+        if self._steps is None:
+            stack = blank_stack(len(self._stack), window.rows, window.cols)
+        else:
+            stack = steps.blank(window.rows, window.cols)
+        whole: NDArray[Any] = self._stack if self._steps is None else self._steps
+        old, cells = whole[..., *window.slices], stack[columns]
+        cells[...] = old
+        kernel(Target(stack, observed, place))
+        old[...] = cells
         self._observed[window.slices] = observed
 
     def _merge_cells(self, temp: TempGrid) -> None:
@@ -205,24 +238,42 @@ class MapState:
 
     def _look_again(self) -> None:
         self._stale = False
-        cells = self.cells
         if self.rule.against_largest:
-            self._largest = float(self.rule.values(cells).max(initial=0.0))
-        self._probability = self.rule.probability(cells, self._largest).astype(np.float32)
+            self._largest = float(self.rule.values(self.cells).max(initial=0.0))
+        self._probability = self._worked_out(self._probability_of)
+
+    def _probability_of(self, cells: Cells) -> Floats:
+        return self.rule.probability(cells, self._largest)
+
+    def _worked_out(self, function: Callable[[Cells], Floats]) -> NDArray[np.float32]:
+        """A function of each cell, for all cells: some rows at a time, for memory's sake."""
+        rows, cols = self.geometry.shape
+        found, some = np.empty((rows, cols), np.float32), max(_AT_ONCE // max(cols, 1), 1)
+        for row in range(0, rows, some):
+            window = Window(row, 0, min(some, rows - row), cols)
+            cells = self._cut(window)
+            if self._forgetting is not None:
+                cells = self._forgetting.faded(cells, window)
+            found[window.slices] = function(cells)
+        return found
 
     def layer(self, name: str) -> Layer:
         """The whole map as it stands; a copy, read-only."""
-        cells = self.cells
-        values = self.rule.values(cells)
-        probability = self.rule.probability(cells, self.largest)
-        extra = {key: _exported(array) for key, array in self.rule.extra(cells).items()}
+        if self._stale or self._forgetting is not None:
+            self._look_again()
+        probability = self._worked_out(self._probability_of)
+        values = probability
+        if not self._values_are_probabilities:
+            values = self._worked_out(self.rule.values)
+        extra = {key: _exported(array) for key, array in self.rule.extra(self.cells).items()}
         if not unit_gives_probability(self.rule):
-            extra["probability"] = _exported(probability)
+            extra["probability"] = probability
         observed = self._observed.copy()
-        read_only(observed)
+        for array in (values, probability, observed):
+            read_only(array)
         return Layer(
-            name=name, kind=self.rule.kind, geometry=self.geometry, values=_exported(values),
-            probability=_exported(probability), observed=observed, extra=extra,
+            name=name, kind=self.rule.kind, geometry=self.geometry, values=values,
+            probability=probability, observed=observed, extra=extra,
         )  # fmt: skip
 
     def _cut(self, window: Window) -> Cells:
@@ -230,12 +281,6 @@ class MapState:
             log_odds: Floats = self._steps[window.slices] * STEP
             return {"log_odds": log_odds}
         return {name: array[window.slices] for name, array in self._arrays.items()}
-
-    def _kept_sums(self, window: Window) -> Cells | None:
-        """A copy of the cells of a window, for a rule whose sums somebody may ask about."""
-        if type(self.rule).terms is UpdateRule.terms:
-            return None
-        return {name: array.copy() for name, array in self._cut(window).items()}
 
     def _largest_in(self, window: Window) -> float:
         if not self.rule.against_largest:
