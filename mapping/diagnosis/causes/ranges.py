@@ -52,7 +52,7 @@ class RangeScale(Cause):
             ("the same wall lies nearer when it is seen from afar, or farther",),
             max(found.gain.mean, 0.1 * abs(excess)), how_sure(None, errors),
             self.settings(case, hypothesis, sensor), value=hypothesis.number(number), unit="times",
-            gain=found.gain, plots=(_residuals(case, sensor, hypothesis, number),),
+            error=error if error > 0 else None, gain=found.gain, plots=(_residuals(case, sensor, hypothesis, number),),
         )  # fmt: skip
 
 
