@@ -1,9 +1,7 @@
 """Cones of sound against the walls that thin beams have drawn: two sensors on the same walls.
 
-Sound comes back from where a wall is met squarely, so a ping that has a wall before it measures how
-far that wall is, whatever the width of its cone. The residuals tell a bias between the two sensors,
-or a factor, with which they grow; and from how far to either side walls are measured at all tells
-the width of the cone, and where its middle is, how the sensor is turned.
+Sound comes back from where a wall is met squarely. From how far to either side of its axis a sonar
+measures walls at all tells the width of the cone, and where its middle is, how it is turned.
 """
 
 from __future__ import annotations
@@ -20,9 +18,6 @@ from mapping.readings import Readings
 from mapping.tracks import wrapped
 from recorder.columns import Floats, Ints
 
-_BESIDE_M = 0.1  # so far past the end of a wall its echo may come from
-_INSIDE = 0.8  # of the half cone
-_NEAR_M = 0.12
 _LEAST_M = 0.05
 _FEWEST = 80
 
@@ -35,18 +30,6 @@ class Walls:
     offset_m: Floats
     low_m: Floats
     high_m: Floats
-
-
-@dataclass(frozen=True, slots=True)
-class Facing:
-    """Cones with a wall before them: how far that is, (N,), and how much more they measured, (N,).
-
-    ``error_m`` is the standard error of the mean residual, whole blocks counted as one draw.
-    """
-
-    distance_m: Floats
-    residual_m: Floats
-    error_m: float
 
 
 def walls_of(case: Case, hypothesis: Hypothesis) -> Walls:
@@ -63,30 +46,6 @@ def walls_of(case: Case, hypothesis: Hypothesis) -> Walls:
         rows.append((*n, offset, across.min(), across.max()))
     table = np.array(rows, np.float64).reshape(-1, 5)
     return Walls(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
-
-
-def facing(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) -> Facing | None:
-    """The residuals of one sensor's cones; None where too few have a wall before them."""
-    readings = case.session.under(hypothesis)
-    rows = case.rows_of(sensor)
-    rows = rows[np.isfinite(readings.ranges_m[readings.begins[rows]])]
-    if not len(walls.offset_m) or len(rows) < _FEWEST:
-        return None
-    view = _view(readings, rows, walls)
-    names = [each.name for each in readings.sensors]
-    half = 0.5 * readings.sensors[names.index(sensor)].beam_width_rad
-    seen = (view.away_m > _LEAST_M) & (np.abs(view.angle_rad) < _INSIDE * half)
-    seen &= (view.across_m > walls.low_m - _BESIDE_M) & (view.across_m < walls.high_m + _BESIDE_M)
-    distance_m = np.where(seen, view.away_m, np.inf).min(axis=1)
-    with np.errstate(invalid="ignore"):
-        residual_m = view.measured_m - distance_m
-        near = np.isfinite(distance_m) & (np.abs(residual_m) < _NEAR_M)
-    if near.sum() < _FEWEST:
-        return None
-    residual_m, block = residual_m[near], case.block[rows[near]]
-    left = residual_m - residual_m.mean()
-    sums = np.bincount(block, weights=left, minlength=case.blocks)
-    return Facing(distance_m[near], residual_m, float(np.sqrt(np.square(sums).sum()) / len(left)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,9 +8,9 @@ from mapping.diagnosis.causes.interface import Cause
 from mapping.diagnosis.causes.mount import Mount
 from mapping.diagnosis.causes.pose_time import PoseTime
 from mapping.diagnosis.causes.poses import Poses
-from mapping.diagnosis.causes.ranges import RangeScale
+from mapping.diagnosis.causes.ranges import Ranges
 from mapping.diagnosis.causes.silence import Silence
 
 CAUSES: tuple[Cause, ...] = (
-    Channels(), Silence(), Poses(), PoseTime(), Mount(), RangeScale(), Cones(),
+    Channels(), Silence(), Poses(), PoseTime(), Mount(), Ranges(), Cones(),
 )  # fmt: skip
