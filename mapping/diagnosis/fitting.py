@@ -76,7 +76,7 @@ def fit(
     found, first, used, wide, wide_cones = start, 0, 0, _WIDEST, _WIDEST
     pings = pings_of(beams.session, list(cones))
     prior = np.array([each.usual for each in numbers])
-    penalty = np.diag(1.0 / np.square(prior))
+    most = np.array([each.most for each in numbers])
     covariance = np.diag(np.square(prior))
     for turn in range(rounds):
         readings = beams.session.under(found)
@@ -92,20 +92,28 @@ def fit(
         rows = _equations(beams, found, numbers, readings, points, patches, squarely)
         system, right, scatter = rows.normal()
         away = np.array([found.number(each) - each.neutral for each in numbers])
+        penalty = np.diag(_alike(system, scatter) / np.square(prior))
         inverse = np.linalg.inv(system + penalty)
         step = inverse @ (right - penalty @ away)
-        step *= min(1.0, float(np.min(0.5 * prior / np.maximum(np.abs(step), 1e-12))))
-        covariance = inverse @ (scatter + penalty) @ inverse
+        step *= min(1.0, float(np.min(0.5 * most / np.maximum(np.abs(step), 1e-12))))
+        step = np.clip(away + step, -most, most) - away
+        covariance = inverse @ (scatter + penalty * _alike(system, scatter)) @ inverse
         for number, more in zip(numbers, step.tolist(), strict=True):
-            value = found.number(number) + more
-            if abs(value - number.neutral) > number.most:
-                return Fit(start, tuple(numbers), covariance, used, failed=True)
-            found = found.with_number(number, value)
+            found = found.with_number(number, found.number(number) + more)
         if turn > 3 and all(
             abs(more) < 0.05 * each.least for each, more in zip(numbers, step, strict=True)
         ):
             break
     return Fit(found, tuple(numbers), covariance, used, wide)
+
+
+def _alike(system: Floats, scatter: Floats) -> float:
+    """How many neighbouring points err as one: what the covariance of blocks is to that of points.
+
+    A prior that is to be worth as much as the readings must count them likewise.
+    """
+    of_each = np.diag(scatter) / np.maximum(np.diag(system), 1e-300)
+    return max(1.0, float(np.median(of_each)))
 
 
 def _width(points: Points, patches: Patches) -> float:
@@ -115,7 +123,7 @@ def _width(points: Points, patches: Patches) -> float:
     if not used.any():
         return 1.0
     along = points.range_m[used] - patches.expected_m[used]
-    return 1.4826 * float(np.median(np.abs(along) / points.spread_m[used]))
+    return 1.4826 * float(np.median(np.abs(along) / patches.spread_m[used]))
 
 
 @dataclass(frozen=True, slots=True)

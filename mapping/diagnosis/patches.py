@@ -8,24 +8,33 @@ measured: else shorter ranges would always seem better.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mapping.diagnosis.hypothesis import Hypothesis, Session
+from mapping.diagnosis.pose_quality import heading_noise_rad
 from mapping.readings import Readings
 from mapping.scoring.held_out import Mixture
 from recorder.columns import Floats, Ints
 
-PATCH_M = 0.2
+Flags = NDArray[np.bool_]
+
+PATCH_M = 0.4
 _FEWEST = 8  # points of a patch
 _DIRECTIONS = 36
 _WINDOW_M = 0.03
-_GRAZING = 0.25  # cosine of the angle of incidence: flatter beams say little of where a wall is
+_GRAZING = 0.3  # cosine of the angle of incidence: flatter beams say little of where a wall is
+_MOST_WALLS = 3  # of a square
+_LEAST_SHARE = 0.25  # of the points that are left in it
 _TUKEY = 4.0  # standard deviations beyond which a point does not count
 _SPREAD_M = 0.008
+_POSE_M, _POSE_RAD = 0.004, math.radians(0.5)  # no pose is better than that
+_MOST_RAD, _GAP_S = math.radians(4.0), 0.5
+_SHORTEST_M = 0.2  # a bent wall is cut in two, and again, until it is that long
+_BENT_M, _SURELY = 0.004, 3.0
 MOST_POINTS = 20_000
 NO_FAULT = Hypothesis()
 
@@ -34,9 +43,10 @@ NO_FAULT = Hypothesis()
 class Points:
     """What thin beams met, K of them.
 
-    ``row`` counts readings, ``axis`` all axes of the session. ``at_m`` (K, 2) are the places, ``heading_rad``
-    the directions of the beams, ``range_m`` the ranges as they are taken, ``spread_m`` how they
-    scatter; ``reach_m`` is the farthest that could have been measured.
+    ``row`` counts readings, ``axis`` all axes of the session. ``at_m`` (K, 2) are the places,
+    ``heading_rad`` the directions of the beams, ``range_m`` the ranges as they are taken,
+    ``spread_m`` how they scatter by themselves, ``pose_rad`` how headings do; ``reach_m`` is the
+    farthest that could have been measured.
     """
 
     row: Ints
@@ -47,6 +57,13 @@ class Points:
     spread_m: Floats
     reach_m: Floats
     block: Ints
+    pose_rad: float = _POSE_RAD
+
+    def spread_along(self, rows: Ints, cosine: Floats) -> Floats:
+        """How ranges scatter where walls are met at those cosines of incidence, for poses err."""
+        turned_m = self.range_m[rows] * np.sqrt(1.0 - np.square(cosine)) * self.pose_rad
+        of_pose = np.square(turned_m) + _POSE_M**2
+        return np.sqrt(np.square(self.spread_m[rows]) + of_pose / np.square(cosine))
 
     def __len__(self) -> int:
         return len(self.range_m)
@@ -65,6 +82,8 @@ class ThinBeams:
         self.axis = axes[:: max(1, len(axes) // MOST_POINTS)]
         errors = np.array([Mixture.of(sensor).error for sensor in readings.sensors])
         error = errors[readings.sensor[self._row[self.axis]]]
+        noise_rad = heading_noise_rad(session.placement.track, _GAP_S)
+        self._pose_rad = min(max(_POSE_RAD, noise_rad), _MOST_RAD)
         self._spread_m = _SPREAD_M + error * readings.ranges_m[self.axis]
 
     def points(self, hypothesis: Hypothesis) -> Points:
@@ -82,7 +101,7 @@ class ThinBeams:
         ])  # fmt: skip
         return Points(
             row, self.axis, at_m, heading_rad, along_m, self._spread_m, readings.reach_m[self.axis],
-            self.block[row],
+            self.block[row], self._pose_rad,
         )  # fmt: skip
 
 
@@ -91,7 +110,8 @@ class Patches:
     """Which patch each point is of (K,), -1: none; the normal of its wall (K, 2), and its weight.
 
     ``behind_m`` (K,) is how much farther than the wall the point lies along its normal, which
-    points away from the sensor; ``expected_m`` the range at which its beam meets the wall.
+    points away from the sensor; ``expected_m`` the range at which its beam meets the wall, and
+    ``spread_m`` how the measured one scatters about it, the noise of poses included.
     """
 
     patch: Ints
@@ -99,6 +119,7 @@ class Patches:
     weight: Floats
     behind_m: Floats
     expected_m: Floats
+    spread_m: Floats
 
     @property
     def count(self) -> int:
@@ -106,8 +127,37 @@ class Patches:
         return int(self.patch.max(initial=-1)) + 1
 
 
+@dataclass(frozen=True, slots=True)
+class _Wall:
+    """A line through some of N points: which of them are near, the rest as of :class:`Patches`."""
+
+    normal: Floats
+    near: Flags
+    weight: Floats
+    behind_m: Floats
+    spread_m: Floats
+    cosine: Floats
+    across_m: Floats
+
+    def cut(self) -> tuple[Flags, ...]:
+        """Its near points; in two halves where the line is bent, and long enough to be cut."""
+        used = self.near & (self.weight > 0)
+        low, high = self.across_m[used].min(), self.across_m[used].max()
+        if high - low <= _SHORTEST_M:
+            return (self.near,)
+        t, w = self.across_m[used], self.weight[used]
+        terms = np.column_stack([np.ones(len(t)), t, np.square(2.0 * t / (high - low))])
+        covariance = np.linalg.pinv(terms.T @ (terms * w[:, None]))
+        bend_m = float((covariance @ (terms.T @ (w * self.behind_m[used])))[2])
+        error_m = math.sqrt(max(float(covariance[2, 2]), 0.0))
+        if abs(bend_m) < max(_BENT_M, _SURELY * error_m):
+            return (self.near,)
+        first = self.across_m < 0.5 * (low + high)
+        return self.near & first, self.near & ~first
+
+
 def find_patches(points: Points, *, shift: float = 0.0, wide: float = 1.0) -> Patches:
-    """Lay a grid over the points and find the straightest wall in each of its squares."""
+    """Lay a grid over the points and find the straightest walls in each of its squares."""
     cells = np.floor(points.at_m / PATCH_M + shift).astype(np.int64)
     _, of = np.unique(cells, axis=0, return_inverse=True)
     of = of.reshape(-1)
@@ -115,80 +165,100 @@ def find_patches(points: Points, *, shift: float = 0.0, wide: float = 1.0) -> Pa
     bounds = np.flatnonzero(np.diff(np.concatenate([[-1], of[order], [-2]])))
     patch = np.full(len(points), -1)
     normal = np.zeros((len(points), 2))
-    weight, behind_m, expected_m = (np.zeros(len(points)) for _ in range(3))
+    weight, behind_m, expected_m, spread_m = (np.zeros(len(points)) for _ in range(4))
     beams = np.column_stack([np.cos(points.heading_rad), np.sin(points.heading_rad)])
     count = 0
     for first, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
-        rows = order[first:end]
-        for _ in range(2):  # a corner, or both faces of a board
-            if len(rows) < _FEWEST:
-                break
-            found = _wall(
-                points.at_m[rows],
-                beams[rows],
-                points.spread_m[rows],
-                points.range_m[rows],
-                points.reach_m[rows],
-                wide,
-            )
-            if found is None:
-                break
-            near = found[3]
-            mine, rows = rows[near], rows[~near]
+        for rows, wall in _walls_of(points, beams, order[first:end], wide):
+            mine = rows[wall.near]
             patch[mine], count = count, count + 1
-            normal[mine], weight[mine], behind_m[mine] = (each[near] for each in found[:3])
-            cosine = (beams[mine] * normal[mine]).sum(axis=1)
-            expected_m[mine] = points.range_m[mine] - behind_m[mine] / cosine
-    return Patches(patch, normal, weight, behind_m, expected_m)
+            normal[mine], weight[mine] = wall.normal, wall.weight[wall.near]
+            behind_m[mine], spread_m[mine] = wall.behind_m[wall.near], wall.spread_m[wall.near]
+            expected_m[mine] = points.range_m[mine] - behind_m[mine] / wall.cosine[wall.near]
+    return Patches(patch, normal, weight, behind_m, expected_m, spread_m)
 
 
-def _wall(
-    at_m: Floats, beams: Floats, spread_m: Floats, range_m: Floats, reach_m: Floats, wide: float
-) -> tuple[Floats, Floats, Floats, NDArray[np.bool_]] | None:
-    """The line that most points lie near, refined, and which do; None where it is no wall."""
+def _walls_of(
+    points: Points, beams: Floats, rows: Ints, wide: float
+) -> Iterator[tuple[Ints, _Wall]]:
+    """The walls among some points: the sides of a corner, or both faces of a board."""
+    for _ in range(_MOST_WALLS):
+        wall = _wall(points, beams, rows, wide)
+        if wall is None:
+            return
+        waiting = [(rows, part) for part in wall.cut()]
+        if len(waiting) == 1:
+            yield rows, wall
+            waiting = []
+        while waiting:
+            its, part = waiting.pop()
+            shorter = _wall(points, beams, its[part], wide)
+            if shorter is None:
+                continue
+            parts = shorter.cut()
+            if len(parts) == 1:
+                yield its[part], shorter
+            else:
+                waiting += [(its[part], each) for each in parts]
+        rows = rows[~wall.near]
+
+
+def _wall(points: Points, beams: Floats, rows: Ints, wide: float) -> _Wall | None:
+    """The line that most points lie near, refined; None where it is no wall."""
+    if len(rows) < _FEWEST:
+        return None
+    at_m, beams, range_m = points.at_m[rows], beams[rows], points.range_m[rows]
+    middle = at_m.mean(axis=0)
+    local = at_m - middle
+    found = _roughly(local, beams)
+    if found is None:
+        return None
+    n, weight = found
+    for _ in range(4):
+        mass = weight.sum()
+        if mass < 1e-9:
+            return None
+        centre = weight @ local / mass
+        moved = local - centre
+        n = _flattest((moved * weight[:, None]).T @ moved, n)
+        cosine = beams @ n
+        off_n = local @ n - centre @ n
+        facing = cosine >= _GRAZING  # and from one side
+        cosine = np.where(facing, cosine, 1.0)
+        spread_m = points.spread_along(rows, cosine)
+        along = off_n / cosine
+        z = along / (wide * spread_m)
+        # chosen by where the wall is, not by what was measured: the reach would cut one side off
+        usable = facing & (range_m - along + 2.5 * points.spread_m[rows] < points.reach_m[rows])
+        inside = usable & (np.abs(z) < _TUKEY)
+        weight = np.where(inside, np.square(1.0 - np.square(z / _TUKEY)), 0.0)
+        weight = weight / np.square(spread_m * cosine)
+    near = facing & (np.abs(z) < _TUKEY)
+    if (weight > 0).sum() < _FEWEST or near.mean() < _LEAST_SHARE:
+        return None
+    across_m = moved[:, 1] * n[0] - moved[:, 0] * n[1]
+    return _Wall(n, near, weight, off_n, spread_m, cosine, across_m)
+
+
+def _roughly(local: Floats, beams: Floats) -> tuple[Floats, Floats] | None:
+    """The normal of the strip that holds most points, and which (1.0, else 0.0), by voting."""
     angles = np.arange(_DIRECTIONS) * math.pi / _DIRECTIONS
     normals = np.column_stack([np.cos(angles), np.sin(angles)])
-    middle = at_m.mean(axis=0)
-    off = (at_m - middle) @ normals.T
+    off = local @ normals.T
     bins = np.floor(off / _WINDOW_M).astype(np.int64)
     bins -= bins.min()
     flat = bins + np.arange(_DIRECTIONS) * (bins.max() + 2)
     counts = np.bincount(flat.ravel(), minlength=_DIRECTIONS * (bins.max() + 2))
-    pairs = counts[:-1] + counts[1:]
-    best = int(np.argmax(pairs))
-    k, low = divmod(best, int(bins.max()) + 2)
+    k, low = divmod(int(np.argmax(counts[:-1] + counts[1:])), int(bins.max()) + 2)
     n = normals[k]
     inside = (bins[:, k] == low) | (bins[:, k] == low + 1)
-    side = 1.0 if np.sum(beams[inside] @ n) >= 0 else -1.0
-    inside &= side * (beams @ n) > 0
-    if not inside.any():
-        return None
-    n = side * n
-    d = float(off[inside, k].mean())
-    weight = inside.astype(np.float64)
-    local = at_m - middle
-    for _ in range(4):
-        if weight.sum() < 1e-9:
-            return None
-        centre = np.average(local, axis=0, weights=weight)
-        moved = local - centre
-        spread = (moved * weight[:, None]).T @ moved
-        turned = np.linalg.eigh(spread)[1][:, 0]
-        n = turned if turned @ n >= 0 else -turned
-        d = float(centre @ n)
-        cosine = beams @ n
-        off_n = local @ n - d
-        facing = cosine >= _GRAZING  # and from one side
-        along = off_n / np.where(facing, cosine, 1.0)  # along the beam
-        z = along / (wide * spread_m)
-        expected = range_m - along
-        # chosen by where the wall is, not by what was measured: the reach would cut one side off
-        usable = facing & (expected + 2.5 * spread_m < reach_m)
-        weight = np.where(
-            usable & (np.abs(z) < _TUKEY), np.square(1.0 - np.square(z / _TUKEY)), 0.0
-        )
-        weight = weight / np.square(spread_m * np.where(facing, cosine, 1.0))
-    near = facing & (np.abs(z) < _TUKEY)
-    if (weight > 0).sum() < _FEWEST or near.mean() < 0.3:
-        return None
-    return np.broadcast_to(n, (len(at_m), 2)), weight, off_n, near
+    n = n if np.sum(beams[inside] @ n) >= 0 else -n
+    inside &= beams @ n > 0
+    return (n, inside.astype(np.float64)) if inside.any() else None
+
+
+def _flattest(spread: Floats, like: Floats) -> Floats:
+    """The direction in which points scatter least, turned as ``like``; of a (2, 2) matrix."""
+    turned_rad = 0.5 * math.atan2(2.0 * spread[0, 1], spread[0, 0] - spread[1, 1])
+    n = np.array([-math.sin(turned_rad), math.cos(turned_rad)])
+    return n if n @ like >= 0 else -n

@@ -42,9 +42,7 @@ def needed(found: Fit, most: int, known: Sequence[Number] = ()) -> tuple[Number,
     ]
     best = min(tried, key=cost)
     while len(best) < room:
-        more = min(
-            ((*best, each) for each in others if each not in best), key=cost, default=best
-        )
+        more = min(((*best, each) for each in others if each not in best), key=cost, default=best)
         if cost(more) >= cost(best):
             break
         best = more

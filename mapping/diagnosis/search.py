@@ -20,7 +20,7 @@ from mapping.diagnosis.fitting import Fit, fit
 from mapping.diagnosis.hypothesis import Hypothesis, Number
 from mapping.diagnosis.patches import NO_FAULT
 from mapping.diagnosis.pruning import needed
-from mapping.scoring.held_out import Gain, Judged
+from mapping.scoring.held_out import Gain
 
 MOST_CAUSES = 4
 SURE = 4.5  # standard errors

@@ -83,11 +83,15 @@ def differences(
     names = [each.name for each in readings.sensors]
     changes = [at.of(name) for name in names]
     sensor = readings.sensor[met.row]
-    scale, bias_m = (np.array([getattr(c, k) for c in changes])[sensor] for k in ("scale", "bias_m"))
+    scale, bias_m = (
+        np.array([getattr(c, k) for c in changes])[sensor] for k in ("scale", "bias_m")
+    )
     measured_m[met.axis] = met.range_m * scale + bias_m
 
     def along(step: float) -> Floats:
-        placed = session.under(at.with_number(number, at.number(number) + step), measured_m=measured_m)
+        placed = session.under(
+            at.with_number(number, at.number(number) + step), measured_m=measured_m
+        )
         start, way = placed.world_from_sensor, met.normal
         if not met.is_cone:
             heading_rad = start.heading_rad[met.row] + placed.bearings_rad[met.axis]

@@ -19,9 +19,10 @@ from mapping.tracks import wrapped
 from recorder.columns import Floats, Ints
 
 _INSIDE = 0.8  # of the half cone
-_LEAST_M, _NEAR_M = 0.05, 0.15
+_LEAST_M, _MOST_M, _NEAR_M = 0.05, 1.2, 0.15  # farther away corners come first
 _SAME_M = 0.03  # walls that are so nearly as far away are one, and the foot decides of which piece
 _SPREAD_M, _SPREAD = 0.007, 0.01
+_TURNED_RAD = 0.06  # a piece whose normal is less sure seems farther away, by half its square
 _TUKEY = 4.0
 _MOST = 3000
 
@@ -70,6 +71,11 @@ def squares(
     mass = np.maximum(np.bincount(of, weights=weight, minlength=patches.count), 1e-300)
     off = np.bincount(of, weights=weight * (at * normal).sum(axis=1), minlength=patches.count)
     across = at[:, 1] * normal[:, 0] - at[:, 0] * normal[:, 1]
+    middle = np.bincount(of, weights=weight * across, minlength=patches.count) / mass
+    wide_m = np.bincount(
+        of, weights=weight * np.square(across - middle[of]), minlength=patches.count
+    )
+    known = wide * wide < wide_m * _TURNED_RAD**2  # how exactly its normal is known
     low, high = np.full(patches.count, np.inf), np.full(patches.count, -np.inf)
     np.minimum.at(low, of, across)
     np.maximum.at(high, of, across)
@@ -80,8 +86,8 @@ def squares(
     foot_m = start.y_m[:, None] * n[:, 0] - start.x_m[:, None] * n[:, 1]
     half = 0.5 * np.array([each.beam_width_rad for each in readings.sensors])
     turned = wrapped(np.arctan2(n[:, 1], n[:, 0]) - start.heading_rad[:, None])
-    seen = (away_m > _LEAST_M) & (foot_m >= low) & (foot_m <= high)
-    seen &= np.abs(turned) < _INSIDE * half[readings.sensor[rows]][:, None]
+    seen = (away_m > _LEAST_M) & (away_m < _MOST_M) & (foot_m >= low) & (foot_m <= high)
+    seen &= known & (np.abs(turned) < _INSIDE * half[readings.sensor[rows]][:, None])
     nearest = np.where(seen, away_m, np.inf).min(axis=1, keepdims=True)
     with np.errstate(invalid="ignore"):
         aside = np.abs(foot_m - 0.5 * (low + high))

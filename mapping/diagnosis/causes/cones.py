@@ -12,8 +12,9 @@ from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect
 from mapping.diagnosis.facing import Acceptance, acceptance, walls_of
 from mapping.diagnosis.hypothesis import Hypothesis
 
-_WIDER, _NARROWER = 1.6, 0.83  # times what is configured
-_YAW_RAD = math.radians(4.5)
+_WIDER, _NARROWER = 1.4, 0.75  # times what is configured
+_YAW_RAD = math.radians(3.5)
+_YAW_ERROR_RAD = math.radians(1.2)  # as planted yaws were found
 
 
 class Cones(Cause):
@@ -45,8 +46,7 @@ def _of_edges(case: Case, sensor: str, edges: Acceptance) -> Iterator[Suspect]:
             "beam", sensor,
             f"the beam of {sensor} is {width_deg:.0f} degrees wide, not "
             f"{math.degrees(known.beam_width_rad):.0f}",
-            (f"it measures walls up to {math.degrees(edges.left_rad):.0f} degrees to the left and "
-             f"{-math.degrees(edges.right_rad):.0f} to the right of its axis",),
+            _evidence(edges),
             0.1 * abs(math.log(max(times, 0.1))), "likely",
             settings=_sensor(sensor, beam_width_deg=round(max(width_deg, 2.0), 1)),
             value=times, unit="times", plots=(plot,),
@@ -56,16 +56,24 @@ def _of_edges(case: Case, sensor: str, edges: Acceptance) -> Iterator[Suspect]:
         yaw_deg = math.degrees(edges.yaw_rad)
         yield Suspect(
             "mount", sensor,
-            f"{sensor} sits turned by {abs(yaw_deg):.0f} +- 3 degrees to the "
+            f"{sensor} sits turned by {abs(yaw_deg):.0f} +- 1.2 degrees to the "
             f"{'left' if yaw_deg > 0 else 'right'}",
-            (f"it measures walls up to {math.degrees(edges.left_rad):.0f} degrees to the left of "
-             f"its axis and {-math.degrees(edges.right_rad):.0f} to the right",),
+            _evidence(edges),
             0.005 * abs(yaw_deg), "likely",
             settings=_sensor(sensor, mount=[
                 round(mount.x_m, 4), round(mount.y_m, 4),
                 round(math.degrees(mount.heading_rad) + yaw_deg, 1)]),
-            value=edges.yaw_rad, unit="rad", plots=(plot,),
+            value=edges.yaw_rad, unit="rad",
+            error=_YAW_ERROR_RAD, plots=(plot,),
         )  # fmt: skip
+
+
+def _evidence(edges: Acceptance) -> tuple[str, ...]:
+    left, right = (math.degrees(edges.edge_rad + sign * edges.yaw_rad) for sign in (1.0, -1.0))
+    return (
+        f"it measures walls up to {left:.0f} degrees to the left and {right:.0f} to the right of "
+        "its axis",
+    )
 
 
 def _sensor(name: str, **keys: object) -> Settings:

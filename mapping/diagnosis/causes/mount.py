@@ -72,6 +72,7 @@ class Mount(Cause):
             ),
             found.gain.mean, how_sure(found.gain, errors),
             self.settings(case, hypothesis, sensor), value=value,
-            unit="rad" if number.key == "yaw_rad" else "m", error=error if error > 0 else None, gain=found.gain,
+            unit="rad" if number.key == "yaw_rad" else "m", gain=found.gain,
+            error=error if error > 0 else None,
             plots=(profile(case, number, hypothesis, values),),
         )  # fmt: skip

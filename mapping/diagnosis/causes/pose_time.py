@@ -46,7 +46,7 @@ class PoseTime(Cause):
                 "with the poses moved in time the readings agree",
             ),
             found.gain.mean, how_sure(found.gain, errors),
-            self.settings(case, hypothesis, ""), value=offset_s, unit="s", error=error_s if error_s > 0 else None,
-            gain=found.gain,
+            self.settings(case, hypothesis, ""), value=offset_s, unit="s", gain=found.gain,
+            error=error_s if error_s > 0 else None,
             plots=(profile(case, number, hypothesis, _SHOWN_S),),
         )  # fmt: skip

@@ -49,9 +49,10 @@ class Ranges(Cause):
         if number.key == "bias_m":
             evidence = [
                 "walls lie too near or too far by as much from everywhere",
-                "a sensor that sits farther ahead shows the same",
+                "a sensor that sits farther ahead shows the same, and so does a bias of the other "
+                "sensor, the other way: the one that explains the readings better is named",
             ]
-        if sensor in case.wide or case.wide and number.key == "bias_m":
+        if sensor in case.wide or (case.wide and number.key == "bias_m"):
             evidence.append("seen where cones and thin beams measure the same piece of wall")
         return Suspect(
             self.name, sensor,
