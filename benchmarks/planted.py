@@ -7,8 +7,8 @@ ranges are changed such that its readings are those of a robot with the fault.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -39,6 +39,8 @@ class Fault:
     ``left``: where the sensor truly sits, against what is stated. ``scale``, ``bias``: ranges read
     too long. ``beam``: how many times as wide as stated. ``swap``: two channels under each other's
     names from then on. ``stuck``: repeats itself for 20 s from then on. ``talk``: a share.
+    ``heading``: headings are so much too large; ``turning``, ``wandering``: headings or places drift
+    by so much a second. ``random``: a share of ranges that are any.
     """
 
     kind: str
@@ -51,6 +53,8 @@ class Fault:
         if self.kind == "ahead" and suspect.cause == "range" and suspect.unit == "m":
             known = suspect.subject == self.sensor  # which cannot be told from a shift
         known = known and suspect.unit == _UNITS.get(self.kind, suspect.unit)
+        if self.kind == "wandering":
+            return known  # towards anywhere
         return known and self.excess(suspect) * self.planted >= 0.0
 
     def is_right(self, suspect: Suspect) -> bool:
@@ -71,7 +75,9 @@ class Fault:
     def excess(self, suspect: Suspect) -> float:
         """What a suspect says of it, in the same unit."""
         value = suspect.value or 0.0
-        backwards = self.kind == "late" or (self.kind == "ahead" and suspect.cause == "range")
+        backwards = self.kind in ("late", "heading") or (
+            self.kind == "ahead" and suspect.cause == "range"
+        )
         return -value if backwards else value - self._neutral
 
     @property
@@ -82,11 +88,13 @@ class Fault:
 _CAUSES = {
     "late": "pose-time", "yaw": "mount", "ahead": "mount", "left": "mount", "scale": "range",
     "bias": "range", "beam": "beam", "swap": "channels", "stuck": "silence", "talk": "cross-talk",
+    "heading": "heading", "turning": "drift", "wandering": "drift", "random": "far-echoes",
 }  # fmt: skip
-_UNITS = {"yaw": "rad", "ahead": "m", "left": "m", "scale": "times", "bias": "m", "beam": "times"}
+_UNITS = {"yaw": "rad", "ahead": "m", "left": "m", "scale": "times", "bias": "m", "beam": "times",
+          "heading": "rad", "turning": "rad/s", "wandering": "m/s", "random": "m"}  # fmt: skip
 _WITHIN = {
     "late": TEN_MS, "yaw": ONE_DEG, "ahead": FIVE_MM, "left": FIVE_MM, "scale": HALF_PERCENT,
-    "bias": FIVE_MM, "swap": SWAP_WITHIN_S,
+    "bias": FIVE_MM, "swap": SWAP_WITHIN_S, "heading": ONE_DEG, "turning": 0.3 * ONE_DEG / 60.0,
 }  # fmt: skip
 Faults = tuple[Fault, ...]
 
@@ -99,6 +107,7 @@ class Planted:
     faults: Callable[[int], Faults]
     sensors: tuple[str, ...] = ("ping", "dirrs")
     recorded: bool = True  # can be planted into a recorded session as well
+    mounts: Mapping[str, SE2] = field(default_factory=dict)
 
 
 def _turn(seed: int) -> int:
@@ -133,6 +142,10 @@ def _bias(seed: int) -> float:
     return 0.02 * _sign(seed)
 
 
+def _bent(seed: int) -> float:
+    return 5.0 * ONE_DEG * _sign(seed)
+
+
 PLANTED = (
     Planted("none", lambda seed: ()),
     Planted("poses 50 to 200 ms late or early", _one("late", "", _delay)),
@@ -151,7 +164,18 @@ PLANTED = (
     Planted("infrared stuck for 20 s", _one("stuck", "dirrs", lambda seed: 60.0)),
     Planted("sonar stuck for 20 s", _one("stuck", "ping", lambda seed: 60.0)),
     Planted("15 % cross-talk of two sonars", _one("talk", "", lambda seed: 0.15),
-            sensors=("ping_left", "ping", "dirrs"), recorded=False),
+            sensors=("ping_left", "ping", "dirrs"), recorded=False,
+            mounts={"ping_left": SE2(0.0, 0.044, math.pi / 2)}),
+    Planted("headings 5 degrees off", _one("heading", "", _bent), recorded=False),
+    Planted("headings 5 degrees off, two infrared", _one("heading", "", _bent), recorded=False,
+            sensors=("ping", "dirrs", "dirrs_left"),
+            mounts={"dirrs_left": SE2(0.0, 0.03, math.pi / 2)}),
+    Planted("headings drift by 2 degrees a minute",
+            _one("turning", "", lambda seed: 2.0 * ONE_DEG / 60.0 * _sign(seed)), recorded=False),
+    Planted("places drift by 5 cm a minute", _one("wandering", "", lambda seed: 0.05 / 60.0),
+            recorded=False),
+    Planted("half of the sonar's ranges at random", _one("random", "ping", lambda seed: 0.5),
+            recorded=False),
     Planted("late and infrared turned", lambda seed: (
         Fault("late", "", _delay(seed + 1)), Fault("yaw", "dirrs", _yaw(seed)))),
     Planted("late and infrared bias", lambda seed: (
@@ -184,7 +208,7 @@ def simulated(planted: Planted, seed: int, duration_s: float) -> HasBlocks:
     faults = planted.faults(seed)
     run = simulate(
         room, duration_s=duration_s, seed=1000 + seed, sensors=planted.sensors,
-        faults=_as_run(faults),
+        faults=_as_run(faults), mounts=planted.mounts,
     )  # fmt: skip
     records = [Record(topic_of(message), log_ns, message) for log_ns, message in run]
     swap = next((each for each in faults if each.kind == "swap"), None)
@@ -213,6 +237,14 @@ def _as_run(faults: Faults) -> RunFaults:
                 run = replace(run, pose_delay_s=each.amount)
             case "talk":
                 run = replace(run, cross_talk=each.amount)
+            case "heading":
+                run = replace(run, heading_bias_deg=math.degrees(each.amount))
+            case "turning":
+                run = replace(run, pose_drift_degpmin=60.0 * math.degrees(each.amount))
+            case "wandering":
+                run = replace(run, pose_drift_mpmin=60.0 * each.amount)
+            case "random":
+                sensors[name] = replace(mine, random=each.amount)
             case "yaw" | "ahead" | "left":
                 sensors[name] = replace(mine, mount=_moved(each) @ mine.mount)
             case "scale":

@@ -124,8 +124,7 @@ def acceptance(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) ->
     edges = np.arange(-_WIDEST_RAD, _WIDEST_RAD + _BIN_RAD / 2, _BIN_RAD)
     of, bins = np.digitize(angle[there], edges) - 1, len(edges) - 1
     count = np.bincount(of, minlength=bins)[:bins].astype(np.float64)
-    of_met = np.bincount(of, weights=met[there].astype(np.float64), minlength=bins)[:bins]
-    hits = of_met.astype(np.float64)
+    hits = np.bincount(of[met[there]], minlength=bins)[:bins].astype(np.float64)
     if count.sum() < _FEWEST * 3:
         return None
     middle = edges[:-1] + _BIN_RAD / 2

@@ -104,9 +104,9 @@ def bias_of(sensor: str) -> Number:
     return Number("bias_m", sensor, 0.002, 0.015, 0.06, 0.006)
 
 
-def scale_of(sensor: str) -> Number:
+def scale_of(sensor: str, least: float = 0.008) -> Number:
     """How many times too long the ranges are."""
-    return Number("scale", sensor, 0.005, 0.03, 0.12, 0.008)
+    return Number("scale", sensor, 0.005, 0.03, 0.12, least)
 
 
 @dataclass(frozen=True, slots=True)

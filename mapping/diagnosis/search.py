@@ -29,6 +29,7 @@ _PLAIN_GAIN = 0.03  # where only the score speaks
 _SCORE_LEVEL = 0.99
 _BESIDE = 0.15  # of the usual fault: so far from a peak it must still gain
 _STARTS = 2
+_FAR_LARGER = 2.0
 _SHRINK = (0.5, 0.25, 0.125)  # of the coarse step, in a search by the score alone
 
 
@@ -71,7 +72,9 @@ def search(
     candidates = [each for each in candidates if not replaced & set(each.numbers)]
     if case.rough:
         return _by_score_alone(case, candidates, start, advance)
-    numbers = tuple(dict.fromkeys(n for each in candidates for n in each.numbers))
+    every = dict.fromkeys(n for each in candidates for n in each.numbers)
+    others = [n for n in every if n.key == "bias_m" and n.sensor in case.wide]
+    numbers = tuple(n for n in every if n not in others)  # a bias common to all is hardly seen
     fits = list[tuple[float, Fit]]()
     for begin in _starts(case, candidates, start, advance):
         found = fit(case.beams(case.thin), numbers, begin, cones=case.wide)
@@ -81,7 +84,26 @@ def search(
         return start, []
     best = max(fits, key=lambda pair: pair[0])[1]
     seen = {n for each in candidates if each.by_score for n in each.numbers}
-    return _those_that_count(case, best, needed(best, MOST_CAUSES), seen, start)
+    few = _whose_bias(case, best, needed(best, MOST_CAUSES), others)
+    return _those_that_count(case, best, few, seen, start)
+
+
+def _whose_bias(
+    case: Case, whole: Fit, numbers: Sequence[Number], others: Sequence[Number]
+) -> list[Number]:
+    """The same numbers; instead of the bias of the thin beam that of a cone, where that is plain.
+
+    The two differ by a bias common to both, of which cones and thin beams together tell little:
+    both free, one of them must be left by far the larger.
+    """
+    mine = [n for n in numbers if n.key == "bias_m"]
+    if len(mine) != 1 or len(others) != 1 or len(case.thin) != 1:
+        return list(numbers)
+    both = _only(case, whole, [*numbers, *others], NO_FAULT)
+    off, its = (abs(both.value(n)) for n in (mine[0], others[0]))
+    if both.failed or its < _FAR_LARGER * off:
+        return list(numbers)
+    return [others[0] if n == mine[0] else n for n in numbers]
 
 
 def _starts(
@@ -117,7 +139,7 @@ def _those_that_count(
             others = _only(case, alone, [n for n in left if n != number], start)
             gain = judged.gain_over(case.score(others.hypothesis))
             error = float(alone.error[left.index(number)])
-            if _is_plain(alone, number) and _gains(gain, by_score=number in seen):
+            if _is_plain(alone, number) and (number not in seen or _gains(gain)):
                 found.append(Found(number, alone.hypothesis, error, gain))
         if len(found) == len(left):
             return alone.hypothesis, found
@@ -136,10 +158,8 @@ def _only(case: Case, whole: Fit, numbers: Sequence[Number], start: Hypothesis) 
     return fit(case.beams(case.thin), numbers, begin, cones=case.wide)
 
 
-def _gains(gain: Gain, *, by_score: bool) -> bool:
-    if by_score:
-        return gain.low > 0.0 and gain.mean >= LEAST_GAIN
-    return gain.high >= 0.0
+def _gains(gain: Gain) -> bool:
+    return gain.low > 0.0 and gain.mean >= LEAST_GAIN
 
 
 def _is_plain(found: Fit, number: Number) -> bool:

@@ -12,6 +12,8 @@ from mapping.diagnosis.hypothesis import Hypothesis, Number, bias_of, scale_of
 from mapping.diagnosis.patches import find_patches
 from mapping.diagnosis.search import Candidate, Found
 
+_LEAST_OF_CONES = 0.016
+
 
 class Ranges(Cause):
     """A factor and a bias for each sensor: ``sensors.NAME.range_scale``, ``range_bias_m``."""
@@ -20,8 +22,11 @@ class Ranges(Cause):
 
     def candidates(self, case: Case) -> Iterator[Candidate]:
         """The score does not see them: a world drawn smaller is nearly as consistent."""
-        for sensor in (*case.thin, *case.wide):
+        for sensor in case.thin:
             yield Candidate((scale_of(sensor),), by_score=False)
+            yield Candidate((bias_of(sensor),), by_score=False)
+        for sensor in case.wide:  # corners and what else is in a cone feign a percent or so
+            yield Candidate((scale_of(sensor, _LEAST_OF_CONES),), by_score=False)
             yield Candidate((bias_of(sensor),), by_score=False)
 
     def settings(self, case: Case, hypothesis: Hypothesis, subject: str) -> Settings:
