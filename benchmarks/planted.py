@@ -39,8 +39,8 @@ class Fault:
     ``left``: where the sensor truly sits, against what is stated. ``scale``, ``bias``: ranges read
     too long. ``beam``: how many times as wide as stated. ``swap``: two channels under each other's
     names from then on. ``stuck``: repeats itself for 20 s from then on. ``talk``: a share.
-    ``heading``: headings are so much too large; ``turning``, ``wandering``: headings or places drift
-    by so much a second. ``random``: a share of ranges that are any.
+    ``heading``: headings are so much too large; ``turning``, ``wandering``: headings or
+    places drift by so much a second. ``random``: a share of ranges that are any.
     """
 
     kind: str
