@@ -27,6 +27,16 @@ class Arena:
     turned_deg: float
     share_near: float
     extents_m: tuple[tuple[float, float], ...]  # without the outermost 2 and 1 % of each side
+    centre_m: tuple[float, float]
+
+    @property
+    def walls_m(self) -> NDArray[np.float64]:
+        """The four walls, (4, 2, 2), metres, map frame."""
+        turn_rad, half = np.radians(self.turned_deg), np.array(self.size_m) / 2.0
+        c, s = np.cos(turn_rad), np.sin(turn_rad)
+        corners = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        placed = corners @ np.array([[c, s], [-s, c]]) + np.array(self.centre_m)
+        return np.stack([placed, np.roll(placed, -1, axis=0)], axis=1)
 
 
 def occupied_points(npz: Path, threshold: float) -> NDArray[np.float64]:
@@ -61,10 +71,12 @@ def fit_arena(points_m: NDArray[np.float64], seed: int = 0) -> Arena:
     bounds += [(0.8 * v, 1.1 * v) for v in extent]
     best = differential_evolution(lambda x: -share(x), bounds, seed=seed, popsize=30, maxiter=300)
     placed = in_frame(best.x[0])
+    c, s = np.cos(best.x[0]), np.sin(best.x[0])
+    middle = best.x[1:3] @ np.array([[c, s], [-s, c]]) + centre
     extents = [_extent(placed, percent) for percent in OUTER_PERCENTS]
     return Arena(
         (float(best.x[3]), float(best.x[4])), float(np.degrees(best.x[0])), -float(best.fun),
-        tuple((float(x), float(y)) for x, y in extents),
+        tuple((float(x), float(y)) for x, y in extents), (float(middle[0]), float(middle[1])),
     )  # fmt: skip
 
 

@@ -2,8 +2,9 @@
 
 ``python -m benchmarks.file_to_map`` writes a session of 10,000 readings (sonar and infrared, a
 moving robot) and maps it with cells of 1 cm as ``map -o -`` does, in alternating rounds with the
-kernels alone on readings that are placed already. ``--memory N`` maps sessions of growing length up
-to N readings, each in a process of its own: time and peak memory.
+kernels alone on readings that are placed already: CPU seconds of one thread, or seconds on the
+clock of several. ``--memory N`` maps sessions of growing length up to N readings, each in a process
+of its own: time and peak memory.
 """
 
 from __future__ import annotations
@@ -57,10 +58,10 @@ def results(placed: PlacedSession, config: MappingConfig) -> None:
         for _ in merge(stretch, maps, watched=False):
             pass
         trail.take(stretch)
-    start = time.perf_counter()
+    start = time.process_time()
     for _ in result_stages(sensors, maps, trail, config, final=True):
         pass
-    print(f"  {'fusion, borders, lines':28} {time.perf_counter() - start:8.3f} s (once)")
+    print(f"  {'fusion, borders, lines':28} {time.process_time() - start:8.3f} s (once)")
 
 
 def shares(path: Path, config: MappingConfig, rounds: int, threads: int) -> None:
@@ -80,13 +81,14 @@ def shares(path: Path, config: MappingConfig, rounds: int, threads: int) -> None
         "kernels": lambda: kernels(stretch, placed, config, threads),
         "file to grids": lambda: grids(place_session(session, config), config, threads),
     }
+    clock = time.process_time if threads == 1 else time.perf_counter
     spent: dict[str, list[float]] = {name: [] for name in parts}
     for turn in range(rounds + 1):
         for name, run in parts.items():
-            start = time.perf_counter()
+            start = clock()
             run()
             if turn:  # the first round compiles and warms up
-                spent[name].append(time.perf_counter() - start)
+                spent[name].append(clock() - start)
     print(f"{len(stretch):,} readings of {messages:,} messages, {threads} thread(s), "
           f"{rounds} rounds, cells of {config.grid.resolution_m * 100:g} cm")  # fmt: skip
     for name, times in spent.items():

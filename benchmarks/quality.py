@@ -1,17 +1,19 @@
 """How right are the maps? The table over rooms, sensors, models and rules: it chooses the default.
 
-    python -m benchmarks.quality [--rules fading,peak,...] [--kinds A,B,C] [--rooms empty,...]
-        [--others FOLDER] [--set NAME:A.B=C,...]... [--lines] [--each] [--traces FILE...]
-        [--save FOLDER] [--json FILE]
+    python -m benchmarks.quality [--quick] [--rules fading,peak,...] [--kinds A,B,C,D,E]
+        [--rooms empty,...] [--others FOLDER] [--set NAME:A.B=C,...]... [--no-lines] [--each]
+        [--traces FILE...] [--seed 1] [--save FOLDER] [--json FILE]
 
 Sessions of the built-in rooms, 3,000 sonar and 3,000 infrared readings each, and those of another
 simulator, where they lie beside the checkout. Kind A has exact poses, B poses that are off by 1 cm
-and 2 degrees each, C every sixth reading of A. What is judged is what ``echogrid score`` judges, in
-cells of 2 cm: log-loss of free and wall cells alike, AUC, wall found, and the ghosts' area; each
-figure is the mean over rooms. ``--set`` adds a row of one's own: a name, and settings with commas
-between. ``--lines`` adds completeness/correctness within 5 cm, and takes longer. ``--traces``
-judges real sessions without truth, by the readings that were kept out. ``--save`` keeps the
-simulated sessions for the next time.
+and 2 degrees each, C every sixth reading of A; of ours, D is driven far from walls, and in E all
+walls are rough. What is judged is what ``echogrid score`` judges, in cells of 2 cm: log-loss of
+free and wall cells alike; of kind A also AUC, wall found, the ghosts' area, and of lines
+completeness/correctness within 5 cm. Each figure is the mean over rooms. ``learned`` is what
+``echogrid learn --weights`` makes of other rooms of the same simulator. ``--set`` adds a row of
+one's own: a name, and settings with commas between. ``--traces`` judges real sessions without
+truth, by the readings that were kept out. ``--save`` keeps the simulated sessions for the next
+time. ``--quick`` takes three rooms, A and C, and no lines: two minutes.
 """
 
 from __future__ import annotations
@@ -19,13 +21,16 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.quality_sessions import Case, others, simulated
 from mapping.artifacts import Segment, Snapshot
 from mapping.config import MappingConfig, load_config
 from mapping.fusion import fuse
@@ -36,24 +41,19 @@ from mapping.placed_session import PlacedSession, place_session
 from mapping.scoring.held_out import held_out
 from mapping.scoring.layers import LayerScore, score_layer
 from mapping.scoring.observable import observable_cells, with_silent_readings
-from mapping.scoring.truth import TrueWalls
 from mapping.update_rules.rules import UPDATE_RULES
 from recorder.importers import import_comp4807
-from recorder.messages import Message, Pose, Range
-from recorder.session import SessionWriter, read_session
 from recorder.session.columns import open_session
-from recorder.simulator.faults import RunFaults
-from recorder.simulator.robot import DEFAULT_START_NS, Robot, simulate
 from recorder.simulator.rooms import ROOMS
-from recorder.truth import read_surfaced_walls
+from replay.learning.run import learn
+from replay.learning.strengths import strengths
+from replay.learning.text import sensor_file
 from replay.tables import text_table
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 RESOLUTION_M = 0.02
-READINGS = 3000  # of each sensor
-RATE_HZ = 20.0
-THINNED = 6
-SENSORS = ("ping", "dirrs")
+QUICK = ("cluttered", "pillar", "room")
+TAUGHT_BY = 2  # rooms
 COMMON = (f"grid.resolution_m={RESOLUTION_M}",)
 
 
@@ -64,11 +64,11 @@ class Variant:
     name: str
     settings: tuple[str, ...] = ()
     preset: str | None = None
+    learned: bool = False
 
-    @property
-    def config(self) -> MappingConfig:
+    def config(self, *files: Path) -> MappingConfig:
         """The whole configuration."""
-        return load_config([], [*COMMON, *self.settings], self.preset)
+        return load_config(files, [*COMMON, *self.settings], self.preset)
 
 
 def _of_all(*settings: str) -> tuple[str, ...]:
@@ -82,6 +82,7 @@ VARIANTS = (
     Variant("fade 0.5 m", ("sensors.ping.fade_m=0.5",)),
     Variant("saturating", _of_all("update=saturating")),
     Variant("pooled", _of_all("update=pooled")),
+    Variant("learned", _of_all("update=pooled"), learned=True),
     Variant("dempster-shafer", _of_all("update=dempster-shafer")),
     Variant("peak", _of_all("model=peak", "update=bayes")),
     Variant("chapter", (), "chapter"),
@@ -89,88 +90,26 @@ VARIANTS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """A session to judge: ``seen_from`` is the one with its true poses."""
-
-    group: str
-    room: str
-    kind: str
-    truth: TrueWalls
-    session: Sequence[Message] | Path
-    seen_from: Sequence[Message] | Path
-
-    def placed(self, config: MappingConfig) -> PlacedSession:
-        """Its readings in the map frame."""
-        return _placed(self.session, config)
-
-
-def _placed(session: Sequence[Message] | Path, config: MappingConfig) -> PlacedSession:
-    return place_session(open_session(session) if isinstance(session, Path) else session, config)
-
-
-def simulated(room: str, kinds: Sequence[str], seed: int, folder: Path | None) -> Iterator[Case]:
-    """The kinds of session of a built-in room, made or read again from a folder."""
-    truth, of_kind = TrueWalls.of(ROOMS[room].walls_m, ROOMS[room].surfaces), {}
-    for kind in dict.fromkeys(["A", *kinds]):
-        file = None if folder is None else folder / f"{room}_{kind}_{seed}.mcap"
-        if file is None or not file.exists():
-            messages = _simulated(room, kind, seed)
-            if file is not None:
-                _write(file, messages)
-            of_kind[kind] = messages
-        else:
-            of_kind[kind] = [record.message for record in read_session(file).records]
-    for kind in kinds:
-        yield Case("ours", room, kind, truth, of_kind[kind], of_kind["C" if kind == "C" else "A"])
-
-
-def _simulated(room: str, kind: str, seed: int) -> list[Message]:
-    faults = RunFaults(pose_noise_m=0.01, pose_noise_deg=2.0) if kind == "B" else RunFaults()
-    robot = Robot(ROOMS[room], seed=seed)
-    pairs = simulate(ROOMS[room], duration_s=READINGS / RATE_HZ, seed=seed, faults=faults)
-    messages, count = [], dict.fromkeys(SENSORS, 0)
-    for _, message in pairs:
-        if isinstance(message, Range):
-            count[message.sensor] += 1
-            if kind == "C" and count[message.sensor] % THINNED:
-                continue
-        if isinstance(message, Pose) and kind != "B":
-            true = robot.world_from_base(message.t_ns - DEFAULT_START_NS)
-            message = replace(message, world_from_base=true)
-        messages.append(message)
-    return messages
-
-
-def _write(file: Path, messages: Iterable[Message]) -> None:
-    file.parent.mkdir(parents=True, exist_ok=True)
-    with SessionWriter(file, force=True) as session:
-        for message in messages:
-            session.write(message, log_ns=message.t_ns)
-
-
-def others(folder: Path, kinds: Sequence[str]) -> Iterator[Case]:
-    """The sessions of another simulator: ROOM_KIND.mcap beside ROOM.geojson."""
-    for walls in sorted(folder.glob("*.geojson")):
-        for kind in kinds:
-            file = folder / f"{walls.stem}_{kind}.mcap"
-            if file.exists():
-                seen_from = folder / f"{walls.stem}_{'C' if kind == 'C' else 'A'}.mcap"
-                truth = TrueWalls.of(*read_surfaced_walls(walls))
-                yield Case("other simulator", walls.stem, kind, truth, file, seen_from)
+def _placed(session: Path, config: MappingConfig) -> PlacedSession:
+    return place_session(open_session(session), config)
 
 
 @dataclass(slots=True)
 class Judge:
-    """Maps a case with one variant after the other, and judges them; what is seen is found once."""
+    """Maps a case with one variant after the other, and judges them; what is seen is found once.
+
+    ``sensors`` is the file that was learned from other rooms.
+    """
 
     case: Case
     lines: bool
+    sensors: Path
     _seen: dict[GridGeometry, dict[str, NDArray[np.bool_]]] = field(default_factory=dict)
 
     def scores(self, variant: Variant) -> dict[str, LayerScore]:
         """By layer."""
-        config, truth = variant.config, self.case.truth
+        files = [self.sensors] if variant.learned else []
+        config, truth = variant.config(*files), self.case.truth
         layers, lines = self._maps(config)
         geometry = layers[0].geometry
         if geometry not in self._seen:
@@ -188,7 +127,7 @@ class Judge:
     def _maps(
         self, config: MappingConfig
     ) -> tuple[list[Layer], dict[str, dict[str, NDArray[np.float64]]]]:
-        placed = self.case.placed(config)
+        placed = _placed(self.case.session, config)
         if not self.lines:
             sensors = placed.placement.sensors
             maps = empty_maps(sensors, geometry_of(placed, config), config.grid)
@@ -232,6 +171,23 @@ def figures_of(score: LayerScore) -> dict[str, float]:
     return figures
 
 
+def learned_from(cases: Sequence[Case], number: int, folder: Path) -> Path:
+    """What ``learn --weights`` makes of the next rooms of the same simulator, as a file."""
+    case = cases[number]
+    of_group = [each for each in cases if each.group == case.group and each.kind == "A"]
+    others = [each for each in of_group if each.room != case.room]
+    first = next((k for k, each in enumerate(others) if each.room > case.room), 0)
+    others = [*others[first:], *others[:first]][:TAUGHT_BY]
+    file = folder / f"learned_{case.group.replace(' ', '_')}_{case.room}.toml"
+    if others and not file.exists():
+        sessions, walls = [each.session for each in others], [each.walls for each in others]
+        config = load_config([], [*COMMON, *_of_all("update=pooled")])
+        learned = learn(sessions, config, walls=walls)
+        strong = strengths(sessions, config, learned, walls=walls)
+        file.write_text(sensor_file(learned, [each.name for each in sessions], strong), "utf-8")
+    return file
+
+
 Key = tuple[str, str, str, str]  # group, layer, variant, kind
 Found = dict[Key, dict[str, dict[str, float]]]  # by room, by figure
 
@@ -249,7 +205,7 @@ def table(found: Found, kinds: Sequence[str], *, lines: bool) -> list[str]:
             means = [mean_of(found.get((group, layer, variant, kind), {})) for kind in kinds]
             first = means[0]
             row = [
-                variant, *(f"{each.get('log_loss', math.nan):.3f}" for each in means),
+                variant, *(f"{each['log_loss']:.3f}" if each else "-" for each in means),
                 f"{first['auc']:.3f}", f"{100 * first['wall_found']:.0f} %",
                 f"{first['ghost_m2']:.2f}", f"{first['calibration_error']:.3f}",
             ]  # fmt: skip
@@ -292,7 +248,7 @@ def without_truth(file: Path, variants: Sequence[Variant]) -> list[str]:
     """A real session's score by its own readings, for each variant, and the gain over the first."""
     rows, first = [[file.name, "log-likelihood", "gain", "from", "to"]], None
     for variant in variants:
-        config = variant.config
+        config = variant.config()
         if file.suffix == ".mcap":
             placed = place_session(open_session(file), config)
         else:
@@ -326,13 +282,14 @@ def _options() -> argparse.Namespace:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--rules", help="names of variants, with commas between")
-    parser.add_argument("--kinds", default="A,B,C")
-    parser.add_argument("--rooms", default=",".join(ROOMS), help="built-in ones; - for none")
+    parser.add_argument("--quick", action="store_true")
+    parser.add_argument("--kinds")
+    parser.add_argument("--rooms", help="built-in ones; - for none")
     parser.add_argument("--others", type=Path, default=SHARED / "rooms")
     parser.add_argument("--set", action="append", default=[], dest="own", metavar="NAME:A.B=C,...")
-    parser.add_argument("--lines", action="store_true")
+    parser.add_argument("--no-lines", action="store_true")
     parser.add_argument("--each", action="store_true")
-    parser.add_argument("--traces", type=Path, nargs="*", default=[])
+    parser.add_argument("--traces", type=Path, nargs="*")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--save", type=Path)
     parser.add_argument("--json", type=Path)
@@ -342,29 +299,48 @@ def _options() -> argparse.Namespace:
 def main() -> None:
     """Print the table."""
     options = _options()
-    kinds = options.kinds.split(",")
-    rooms = [] if options.rooms == "-" else options.rooms.split(",")
+    with tempfile.TemporaryDirectory() as made:
+        _judge_all(options, Path(made))
+
+
+def _judge_all(options: argparse.Namespace, made: Path) -> None:
+    quick, folder = options.quick, options.save or made
+    kinds = (options.kinds or ("A,C" if quick else "A,B,C,D,E")).split(",")
+    rooms = (options.rooms or ",".join(QUICK if quick else ROOMS)).split(",")
     variants = chosen(options.rules, options.own)
-    cases = [case for room in rooms for case in simulated(room, kinds, options.seed, options.save)]
+    folder.mkdir(parents=True, exist_ok=True)
+    cases = [case for room in rooms if room != "-"
+             for case in simulated(room, kinds, options.seed, folder)]  # fmt: skip
     cases += others(options.others, kinds)
     found: Found = {}
-    for case in cases:
-        judge = Judge(case, options.lines)
+    for number, case in enumerate(cases):
+        lines = case.kind == "A" and not (options.no_lines or quick)
+        sensors = made / "none"
+        if any(variant.learned for variant in variants):
+            sensors = learned_from(cases, number, made)
+        judge = Judge(case, lines, sensors)
         for variant in variants:
+            if variant.learned and not sensors.exists():
+                continue  # there is no other room to learn from
             for layer, score in judge.scores(variant).items():
                 key = case.group, layer, variant.name, case.kind
                 found.setdefault(key, {})[case.room] = figures_of(score)
-    print("\n".join(table(found, kinds, lines=options.lines)))
+        print(f"judged {case.room} {case.kind}, {case.group}", file=sys.stderr)
+    print("\n".join(table(found, kinds, lines=not (options.no_lines or quick))))
     if options.each:
         print("\n".join(each_room(found)))
-    for file in options.traces:
-        print("\n".join(["", *without_truth(file, variants)]))
+    traces = options.traces
+    if traces is None:
+        traces = [] if quick else sorted((SHARED / "comp4807").glob("*.trc"))
+    for file in traces:
+        plain = [variant for variant in variants if not variant.learned]
+        print("\n".join(["", *without_truth(file, plain)]))
     if options.json:
-        plain = [
+        plain_rows = [
             {"group": group, "layer": layer, "variant": variant, "kind": kind, "rooms": by_room}
             for (group, layer, variant, kind), by_room in found.items()
         ]
-        options.json.write_text(json.dumps(plain, indent=1))
+        options.json.write_text(json.dumps(plain_rows, indent=1))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.scoring.cells import along
-from mapping.scoring.lines import TOLERANCES_M, angle_between, nearest
+from mapping.scoring.lines import (
+    TOLERANCES_M,
+    angle_between,
+    median_offset_m,
+    nearest,
+    normals_of,
+)
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -42,10 +48,10 @@ class SegmentScores:
     """How good the lines are; figures that nothing gives are NaN.
 
     ``wall_m`` is the length of the walls that count, ``line_m`` that of all lines. ``offset_m`` is
-    the median distance of the lines from their walls, positive in front of them, on the side from
-    which they were seen; ``spread_m`` the median of its size. ``angle_rad`` is the median over the
-    lines of the size of the angle to their walls. ``lines_per_wall`` counts the lines of each wall
-    that was found.
+    the median distance of the lines from their walls, negative in front of them, on the side from
+    which they were seen, as everywhere; ``spread_m`` the median of its size. ``angle_rad`` is the
+    median over the lines of the size of the angle to their walls. ``lines_per_wall`` counts the
+    lines of each wall that was found.
     """
 
     lines: int
@@ -170,16 +176,14 @@ def _mark(
 
 
 def _offset(places_m: Floats, walls_m: Floats, seen_from_m: Floats | None) -> float:
-    """Median distance of places in front of their walls (M, 2, 2)."""
+    """Median distance of places (M, 2) from their walls (M, 2, 2), by the side seen."""
     if seen_from_m is None or not len(places_m) or not len(seen_from_m):
         return math.nan
     from scipy.spatial import cKDTree
 
-    nearest = seen_from_m[cKDTree(seen_from_m).query(places_m)[1]]
-    way = walls_m[:, 1] - walls_m[:, 0]
-    normal = np.column_stack([-way[:, 1], way[:, 0]]) / np.hypot(*way.T)[:, None]
-    side = np.sign(((nearest - walls_m[:, 0]) * normal).sum(axis=1))
-    return _median(side * ((places_m - walls_m[:, 0]) * normal).sum(axis=1))
+    stood_m = seen_from_m[cKDTree(seen_from_m).query(places_m)[1]]
+    side = np.sign(((stood_m - walls_m[:, 0]) * normals_of(walls_m)).sum(axis=1))
+    return median_offset_m(places_m, walls_m, side)
 
 
 def _angle(on_lines: Steps, matched: Flags, walls_m: Floats, wall_of: Ints) -> float:

@@ -1,7 +1,8 @@
-"""The commands that need the maths alone: config, check."""
+"""The commands that need the maths alone: config, check, info."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from recorder.cli import options
+from recorder.cli.progress import progress_bar
 from recorder.names import printable
 
 if TYPE_CHECKING:
@@ -95,4 +97,50 @@ def check(rule: Path) -> int:
     return 1 if any(finding.broken is not None for finding in findings) else 0
 
 
-COMMANDS = (config, check)
+@click.command(epilog="Example:  echogrid info run.mcap")
+@click.argument("files", metavar="FILE...", nargs=-1, required=True, type=options.INPUT)
+@options.quiet
+def info(files: tuple[Path, ...], quiet: bool) -> int:
+    """Show what is in a session, and what is wrong with it.
+
+    That is rates, gaps, what a map would be made of, odd channels and losses, and the worst that a
+    map would suffer from, where that is plain to see.
+
+    Exit code 0: all of it can be read; 1: something is lost; 2: it cannot be used.
+    """
+    from recorder.session import SessionReader, session_files
+    from recorder.summary import summary_lines
+
+    damaged = False
+    for file in session_files(*files):
+        reader = SessionReader(file)
+        size = file.stat().st_size if file.exists() else None
+        with progress_bar(f"reading {file.name}", quiet=quiet) as advance:
+            lines = list(summary_lines(reader, functools.partial(advance, total=size)))
+        for line in lines if not quiet else ():
+            click.echo(line)
+        damaged = damaged or bool(reader.damage)
+        if not quiet and reader.messages <= _QUICK and (line := _worst(file)):
+            click.echo(f"  odd: {printable(line, most=400)}")
+    return 1 if damaged else 0
+
+
+_QUICK = 100_000  # messages: of more `info` would take noticeably longer
+
+
+def _worst(file: Path) -> str:
+    """What a map of the session would suffer from most, as ``map`` names it."""
+    from mapping.config import load_config
+    from mapping.diagnosis.diagnosing import worst_line
+    from mapping.placed_session import place_session
+    from recorder.errors import BadInput
+    from recorder.session.columns import open_session
+
+    try:
+        config = load_config()
+        return worst_line(place_session(open_session(file), config), config)
+    except BadInput:
+        return ""  # it cannot be mapped, which the lines above it name
+
+
+COMMANDS = (config, check, info)

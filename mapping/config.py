@@ -107,7 +107,8 @@ def resolve_sensor(reported: ReportedSensor, config: MappingConfig, *, mounted: 
     if reported_values.get("beam_width_deg", 0.0) > 360.0:
         del reported_values["beam_width_deg"]
     values = {**base, **reported_values, **asked}
-    if "update" not in asked and not _suits(entry, reported, values, asked):
+    set_keys = {*asked, *(key for each in ranges for key in each)}
+    if "update" not in asked and not _suits(entry, reported, values, set_keys):
         values["update"] = Bayes.name
     rule = choose(UPDATE_RULES, values["update"], "update rule")
     values = {**parameter_defaults(), **values, **rule.usual(entry), **asked}
@@ -145,21 +146,20 @@ def _settled(value: Any) -> Any:
 
 
 def _suits(
-    kind: SensorKind, reported: ReportedSensor, known: Mapping[str, Any], asked: Mapping[str, Any]
+    kind: SensorKind, reported: ReportedSensor, known: Mapping[str, Any], asked: set[str]
 ) -> bool:
     """Whether the kind's own rule can be that of a sensor as it is configured, without naming one.
 
     It was chosen with the kind's model and all cells of its beams. Keys by which the rule does not
     go would be set in vain; who sets them wants them to count. Scans, whatever their name, have no
-    fast way, and light in a wide cone is not what the weights were learned of.
+    fast way.
     """
     rule, model = UPDATE_RULES[kind.update], SENSOR_MODELS[kind.model]
     return (
         known["model"] == kind.model
         and known["rasteriser"] == _COMMON["rasteriser"]
         and reported.radiation is not Radiation.LASER
-        and not rule.ignores & asked.keys() & model.Parameters.model_fields.keys()
-        and rule.suits(kind, known["beam_width_deg"])
+        and not rule.ignores & asked & model.Parameters.model_fields.keys()
     )
 
 

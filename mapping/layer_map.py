@@ -58,8 +58,9 @@ class LayerMap:
             way, some = self._names[ways[first]], rows[first:end]
             if way == _SLOWLY:
                 for row in some.tolist():
-                    for _ in self.merge_one(readings, row):
-                        pass
+                    beam = readings.beam(row)
+                    temp = make_temp_grid(beam, readings.model(row), self.geometry)
+                    self.state.merge_unseen(temp)
             else:
                 self.state.merge_many(
                     lambda target, way=way, some=some: self._adders[way].add(  # type: ignore[misc]

@@ -16,6 +16,7 @@ from mapping.config import MappingConfig, load_config
 from mapping.names import choose
 from mapping.sensor_model import SENSOR_MODELS
 from mapping.update_rules import UPDATE_RULES
+from mapping.update_rules.rules import Bayes
 from recorder.errors import BadInput
 
 _OF_ALL_SENSORS = "sensors.*."
@@ -73,9 +74,17 @@ def from_values(
         if key == "pose.topic" and value == "/odom":
             chosen.append(_AT_THE_TRACKER)
             note = "dead reckoning from the wheels, laid on the tracker's pose at its start"
+        if key.endswith(".model") and not any(map(_names_a_rule, base.sensors.values())):
+            keys = [each.removesuffix("model") for each in _keys(key, base)]
+            chosen += [f"{each}update={Bayes.name}" for each in keys]
+            note = f"models differ, the rule does not: {Bayes.name}"
         config = load_config(files, [*settings, *chosen], preset)
         variants.append(Variant(_name(_label(key, value)), config, note))
     return _distinct(variants)
+
+
+def _names_a_rule(section: object) -> bool:
+    return getattr(section, "update", None) is not None
 
 
 def _key_and_values(compare: str) -> tuple[str, list[str]]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, TypeVar
 from mapping.artifacts import Artifact, Finished, Segment, Snapshot
 from mapping.config import MappingConfig
 from mapping.pipeline import build_maps
-from mapping.placed_session import PlacedSession, place_session
+from mapping.placed_session import place_session
 from mapping.probing import CellProbe
 from recorder.errors import BadInput
 from recorder.names import printable
@@ -31,7 +31,6 @@ Step = TypeVar("Step")
 Taker = Callable[[Artifact], None]
 
 _PROGRESS_EVERY = 50  # readings
-_MOST_LOOKED_AT = 200_000  # readings: more take a while to go through once more
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +79,7 @@ def map_session(
     total, count = counts.readings, _every_now_and_then(progress, counts.readings)
     artifacts = build_maps(
         placed, config, walls_m=true_walls(session.attachments), merged=count,
-        watched=rrd is not None or bool(probes), threads=cores(),
+        watched=rrd is not None or bool(probes), threads=idle_cores(),
     )  # fmt: skip
     first = next(artifacts)  # a session that cannot be mapped leaves no file behind
     followed = tuple(CellProbe(at_m) for at_m in probes)
@@ -109,24 +108,23 @@ def map_session(
 
         layers = [snapshot.layer for snapshot in collector.snapshots.values()]
         write_bag(bag, layers, poses, force=force)
+    from mapping.diagnosis.diagnosing import worst_line
+
     left_out = "" if writer is None else writer.left_out
-    notes = (*session.notes, *_worst(placed, config, counts.readings))
+    notes = (*session.notes, *filter(None, [worst_line(placed, config)]))
     return result_of(collector, session.damage, left_out, probes=followed, rrd=rrd, notes=notes)
-
-
-def _worst(placed: PlacedSession, config: MappingConfig, readings: int) -> Iterator[str]:
-    """What is plainly wrong, where it costs nothing to see."""
-    if readings > _MOST_LOOKED_AT:
-        return
-    from mapping.diagnosis.diagnosing import at_first_sight
-
-    if text := at_first_sight(placed, config):
-        yield f"{text}: see echogrid diagnose"
 
 
 def cores() -> int:
     """How many processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def idle_cores() -> int:
+    """How many of them nobody else keeps busy, one at least: threads that wait for each other are
+    slower than one where other programs take turns with them."""
+    busy = os.getloadavg()[0] if hasattr(os, "getloadavg") else 0.0
+    return max(round(cores() - busy), 1)
 
 
 def _every_now_and_then(

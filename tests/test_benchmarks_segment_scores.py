@@ -34,10 +34,10 @@ def test_the_walls_themselves_are_right() -> None:
 
 def test_lines_in_front_of_their_walls() -> None:
     score = segment_scores(moved_in(0.04), SQUARE, seen_from_m=INSIDE)
-    assert score.offset_m == pytest.approx(0.04)
+    assert score.offset_m == pytest.approx(-0.04)
     assert [w.correctness for w in score.within] == [0.0, 1.0, 1.0]
     behind = segment_scores(moved_in(-0.04), SQUARE, seen_from_m=INSIDE)
-    assert behind.offset_m == pytest.approx(-0.04)
+    assert behind.offset_m == pytest.approx(0.04)
     assert math.isnan(segment_scores(SQUARE, SQUARE).offset_m)
 
 
@@ -112,5 +112,5 @@ def test_scores_do_not_depend_on_the_frame(
     )
     assert there.within == here.within
     assert there.offset_m == pytest.approx(here.offset_m, abs=1e-9)
-    assert there.offset_m == pytest.approx(in_m, abs=1e-9)
+    assert there.offset_m == pytest.approx(-in_m, abs=1e-9)
     assert there.lines_per_wall == here.lines_per_wall

@@ -48,6 +48,17 @@ def test_it_covers_the_cells_of_the_rasteriser(data, sensor):
     assert_footprint(data.draw(cases.beams(sensor)), sensor)
 
 
+def test_cells_whose_evidence_cancels_are_observed():
+    sensor = replace(PING, **{**FLAT, "hit": 1.0}, beam_width_rad=0.5)
+    near, far = (cases.beam_of(0.0, 0.0, 0.3, d, sensor) for d in (0.4, 0.9))
+    _, _, band = cases.parts_of(near, sensor, GRID)
+    _, front, far_band = cases.parts_of(far, sensor, GRID)
+    cells, observed = map_of(cases.columns_of([near, far], [sensor] * 2), [sensor] * 2)
+    assert (band & front).sum() > 2
+    assert (cells[band & front] == 0).all()
+    np.testing.assert_array_equal(observed, front | far_band | band)
+
+
 @pytest.mark.parametrize("resolution_m", [1 / 300, 0.01, 0.02])
 def test_it_covers_the_same_cells_of_fine_grids(resolution_m):
     draw = np.random.default_rng(1)

@@ -82,11 +82,11 @@ def test_rows_of_fading(step):
         lanes = plain.copy()
         place = (first, step, rows, shift, table)
         arguments = (*place, bell, square, row_bell, row_square, miss, near, hit)
-        fading.add_rows_plainly(plain, *arguments)
-        fading.add_rows_in_lanes(lanes, *arguments)
+        zeros = fading.add_rows_plainly(plain, *arguments)
+        assert fading.add_rows_in_lanes(lanes, *arguments) == zeros
         np.testing.assert_array_equal(lanes, plain)
-        fading.add_plain_rows_plainly(plain, *place, np.int32(miss), hit)
-        fading.add_plain_rows_in_lanes(lanes, *place, np.int32(miss), hit)
+        zeros = fading.add_plain_rows_plainly(plain, *place, np.int32(miss), hit)
+        assert fading.add_plain_rows_in_lanes(lanes, *place, np.int32(miss), hit) == zeros
         np.testing.assert_array_equal(lanes, plain)
 
 
@@ -97,11 +97,21 @@ def test_one_row_of_fading():
     plain = map_of(draw)
     lanes = plain.copy()
     for row, span in enumerate(spans_of(draw, ROWS, COLS)[:, :ROWS].T):
-        fading.add_row_plainly(plain, row, bell, square, *span, *losses)
-        fading.add_row_in_lanes(lanes, row, bell, square, *span, *losses)
-        fading.add_plain_row_plainly(plain, row, *span, np.int32(-9), np.int32(7))
-        fading.add_plain_row_in_lanes(lanes, row, *span, np.int32(-9), np.int32(7))
+        zeros = fading.add_row_plainly(plain, row, bell, square, *span, *losses)
+        assert fading.add_row_in_lanes(lanes, row, bell, square, *span, *losses) == zeros
+        zeros = fading.add_plain_row_plainly(plain, row, *span, np.int32(-9), np.int32(7))
+        assert fading.add_plain_row_in_lanes(lanes, row, *span, np.int32(-9), np.int32(7)) == zeros
     np.testing.assert_array_equal(lanes, plain)
+
+
+@pytest.mark.parametrize("add_row", [fading.add_plain_row_plainly, fading.add_plain_row_in_lanes])
+def test_a_cell_that_became_0_is_reported(add_row):
+    cells = steps.blank(1, COLS)
+    for at in range(COLS):
+        cells[0], cells[0, at] = 1, 9
+        assert add_row(cells, 0, at, at, at + 1, at + 1, np.int32(-9), np.int32(7)) == 1
+        assert add_row(cells, 0, at, at, at, at + 1, np.int32(-9), np.int32(7)) == 0
+        assert add_row(cells, 0, at, at, at, at, np.int32(-9), np.int32(7)) == 0
 
 
 @pytest.mark.parametrize("count", [1, 6, 12, 60])

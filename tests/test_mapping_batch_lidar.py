@@ -92,6 +92,18 @@ def test_it_covers_the_cells_of_the_rasteriser(data, sensor):
     assert_footprint(data.draw(scans(sensor)), sensor)
 
 
+def test_cells_whose_evidence_cancels_are_observed():
+    sensor = replace(LASER, **{**FLAT, "hit": 1.0})
+    bearings = (np.arange(40) - 20) * sensor.beam_width_rad
+    near, far = (scan_of(0.0, 0.0, 0.3, bearings, [d] * 40, sensor) for d in (0.4, 0.7))
+    _, _, band = cases.parts_of(near, sensor, GRID)
+    _, front, far_band = cases.parts_of(far, sensor, GRID)
+    cells, observed = map_of([near, far], sensor)
+    assert (band & front).sum() > 2
+    assert (cells[band & front] == 0).all()
+    np.testing.assert_array_equal(observed, front | far_band | band)
+
+
 def made_scans(count, beams=90, seed=1):
     draw = np.random.default_rng(seed)
     bearings = (np.arange(beams) - (beams - 1) / 2) * math.radians(2.0)

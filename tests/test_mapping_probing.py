@@ -49,7 +49,7 @@ def followed(artifacts: list[Artifact], x: float, y: float) -> CellProbe:
 def test_zones_are_distinguished_by_where_the_obstacle_was() -> None:
     """The cell lies 1 m ahead: a reading ends there, one passes on, one stops before it."""
     messages = [*poses(), ping(1, 0.956), ping(2, 1.9), ping(3, 0.5)]
-    probe = followed(artifacts_of(messages), 1.02, 0.02)
+    probe = followed(artifacts_of(messages, "sensors.ping.update=bayes"), 1.02, 0.02)
     assert [touch.zone for touch in probe.touches] == [OBSTACLE, EMPTY, BEHIND]
     first, second, third = probe.touches
     assert (first.reading, first.sensor, first.layer) == (0, "ping", "ping")

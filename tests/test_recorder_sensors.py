@@ -136,12 +136,12 @@ def test_the_rule_of_a_sensor_that_names_none() -> None:
     assert rule_of(ReportedSensor("ping", Radiation.LASER)) == "bayes"  # a scan, whatever its name
 
 
-def test_light_in_a_wide_cone_keeps_bayes() -> None:
-    """The weights of light were learned of thin beams; in a cone they would free walls."""
-    thin, wide = (ReportedSensor("tof", Radiation.INFRARED, math.radians(w)) for w in (3.0, 25.0))
-    assert (rule_of(thin), rule_of(wide)) == ("pooled", "bayes")
-    assert rule_of(wide, "sensors.tof.beam_width_deg=10") == "pooled"
-    assert rule_of(ReportedSensor("ping", Radiation.INFRARED, math.radians(38.0))) == "pooled"
+def test_only_sonars_take_pooled_unasked() -> None:
+    """On real drives along walls it frees what a ranger of light saw."""
+    chosen = {kind.name for kind in CATALOGUE.values() if kind.update == "pooled"}
+    assert chosen == {"ping", "hcsr04", "jsnsr04t", "mb1010"}
+    assert rule_of(ReportedSensor("tof", Radiation.INFRARED)) == "bayes"
+    assert rule_of(ReportedSensor("ping", Radiation.INFRARED)) == "pooled"  # the name decides
 
 
 def test_keys_that_the_chosen_rule_does_not_go_by_are_named() -> None:
@@ -163,15 +163,13 @@ def test_a_layer_of_sensors_whose_rules_differ_takes_bayes() -> None:
         sensors = resolve_sensors(readings, lambda _: None, config)
         return {name: sensor.update for name, sensor in sensors.items()}
 
-    assert set(rules().values()) == {"pooled"}
-    assert set(rules("sensors.hcsr04.layer=ping").values()) == {"pooled"}
-    assert rules("sensors.dirrs.layer=ping") == {
-        "ping": "bayes", "hcsr04": "pooled", "dirrs": "bayes",
-    }  # fmt: skip
+    alone = {"ping": "pooled", "hcsr04": "pooled", "dirrs": "bayes"}
+    assert rules() == rules("sensors.hcsr04.layer=ping") == alone
+    assert rules("sensors.dirrs.layer=ping") == {**alone, "ping": "bayes"}
     assert set(rules("sensors.*.layer=all").values()) == {"bayes"}
     assert set(rules("sensors.*.layer=all", "sensors.*.update=pooled").values()) == {"pooled"}
     assert rules("sensors.hcsr04.layer=ping", "sensors.hcsr04.hit=1") == {
-        "ping": "bayes", "hcsr04": "bayes", "dirrs": "pooled",
+        **alone, "ping": "bayes", "hcsr04": "bayes",
     }  # fmt: skip
 
 

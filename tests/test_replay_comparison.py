@@ -67,7 +67,12 @@ def test_the_shorthands_name_all_rules_all_models_and_both_poses() -> None:
     rules = from_values("rules")
     assert names(rules) == list(UPDATE_RULES)
     assert [v.config.sensors["*"].update for v in rules] == names(rules)
-    assert {"regions", "peak", "fading"} <= set(names(from_values("models")))
+    models = from_values("models")
+    assert {"regions", "peak", "fading"} <= set(names(models))
+    assert {v.config.sensors["*"].update for v in models} == {"bayes"}  # only the models differ
+    for each in from_values("models", settings=["sensors.ping.update=count"]):
+        assert each.config.sensors["*"].update is None
+        assert each.config.sensors["ping"].update == "count"
     tracker, wheels = from_values("pose")
     assert (tracker.name, wheels.name) == ("pose", "odom")
     assert (tracker.config.pose.odom_start, wheels.config.pose.odom_start) == ("own", "tracker")

@@ -161,7 +161,7 @@ def test_summary_holds_counts_configuration_and_versions(made: Path) -> None:
 
 def test_summary_names_the_rule_of_each_sensor(tmp_path: Path) -> None:
     """The configuration need not: a rule that nobody set follows the kind of the sensor."""
-    config = load_config(settings=["grid.resolution_m=0.1", "sensors.dirrs.fade_m=2"])
+    config = load_config(settings=["grid.resolution_m=0.1"])
     map_session(ROOT / "logs/room.mcap", config, rrd=None, export=tmp_path / "out")
     held = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert {name: each["update"] for name, each in held["sensors"].items()} == {

@@ -99,13 +99,16 @@ def test_of_one_session_its_halves_are_kept_out_and_of_other_rules_their_strengt
     assert main([*arguments, "--preset", "chapter", "--force"]) == 2
     assert "no strength to learn" in capsys.readouterr().err
     assert main([*arguments, "--distance", "0.3", "--force"]) == 2
-    assert "--weights needs true walls" in capsys.readouterr().err
+    assert "not by --trust or --distance" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
         (["--walls", "nowhere.geojson"], "nowhere.geojson"),
+        (["--walls", "nowhere"], "no room 'nowhere' and no such file"),
+        (["--walls", "square", "--walls", "flat"], "2 times --walls for 1 sessions"),
+        (["--walls", "corridor", "--sensor", "ping"], "its ranges do not follow true walls"),
         (["--sensor", "lidar"], "no readings of lidar"),
         (["--distance", "0.3,0.6"], "2 distances for 1 sessions"),
         (["--distance", "near"], "write metres"),
@@ -146,5 +149,11 @@ def test_without_walls_only_what_surely_predicts_better_is_set(
     assert set(trusted) == {"ping"}
     fitted = trusted["ping"]["mixture"]  # on cells of 4 cm; scale and bias make up for each other
     assert fitted["bias_m"] + 0.7 * fitted["scale"] == pytest.approx(0.7, abs=0.08)
+    assert main(["learn", str(file), "--weights", "--sensor", "dirrs", "--json", *coarse]) == 0
+    worth = json.loads(capsys.readouterr().out)["dirrs"]["strengths"]
+    assert not worth["by_walls"]
+    assert [each["name"] for each in worth["kept_out"]] == [
+        "the first half of bare.mcap", "the second half of bare.mcap",
+    ]  # fmt: skip
     assert main(["learn", str(file), "--trust", "lidar"]) == 2
     assert "no sensor 'lidar' to trust" in capsys.readouterr().err

@@ -103,7 +103,7 @@ def test_why_is_this_cell_black(run: Run) -> None:
     first_row = lines[lines.index(ping) + 3].split()
     largest = max(of_ping, key=lambda t: abs(t.effect))
     assert first_row[:2] == [str(largest.reading), "ping"]
-    assert first_row[-1] == f"{100 * largest.effect:+.1f}"
+    assert f"{100 * largest.effect:+.1f}" in first_row  # and then what moved it
     assert any(line.startswith("fused: ") and "black" in line for line in lines)
 
 

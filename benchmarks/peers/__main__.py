@@ -2,9 +2,11 @@
 
 Builds MRPT's occupancy grid (Debian: libmrpt-maps-dev libmrpt-obs-dev) where its headers are, and
 maps the same seeded sessions with it, with the kernels and with a plain NumPy and a plain Python
-twin, in alternating rounds. Prints readings/s, and the ratio to MRPT of each round (median, and
-the quarter to three-quarter range); "share" is that of the limit: the same spans, a constant added.
-Times are CPU seconds of one thread, but for "2 threads" (wall clock, beside one thread's).
+twin, in alternating rounds; scans also with OctoMap (``pip install pyoctomap``). Prints
+readings/s, and the ratio to MRPT of each round (median, and the quarter to three-quarter range);
+"share" is that of the limit: the same spans, a constant added. Times are CPU seconds of one
+thread, but for "2 threads" (wall clock, beside one thread's): what two can give on a quiet machine
+is told by the CPU time of either one's rows. OpenCV for lines: ``python -m benchmarks.lines``.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import argparse
 import os
 import tempfile
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +73,8 @@ def main() -> None:
         harness = rivals.built_mrpt(Path(folder))
         if harness is None:
             print("MRPT is not here: apt install libmrpt-maps-dev libmrpt-obs-dev g++")
+        if find_spec("pyoctomap") is None:
+            print("OctoMap is not here: pip install pyoctomap")
         for name in arguments.names or sessions.SESSIONS:
             session = sessions.SESSIONS[name]()
             racers, slow = rivals.racers_of(session, harness, Path(folder))

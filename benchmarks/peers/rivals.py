@@ -6,6 +6,8 @@ import math
 import subprocess
 import time
 from collections.abc import Callable
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,7 @@ SONAR = {"hit": 0.8, "miss": 0.08, "near": 30.0, "before": 0.01, "behind": 0.1, 
 SHARP = {"hit": 2.2, "miss": 0.85, "near": 0.0, "before": 0.075, "behind": 0.075, "fade_m": 1e9}
 LASER = {**SHARP, "before": 0.015, "behind": 0.015}
 TWIN_READINGS = 40  # as many as the slow twins take
+OCTOMAP, OCTOMAP_SCANS = "OctoMap (3D), from Python", 20
 MARGIN_M = 4.0  # MRPT 2.5.8 fails where a cone leaves its map
 
 
@@ -124,7 +127,8 @@ def racers_of(
 ) -> tuple[dict[str, Race], dict[str, int]]:
     """Everybody who can map a session, and how many readings the slow ones take."""
     if session.ranges_m.shape[1] > 1:
-        return _lidar_racers(session, harness, folder), {}
+        racers = _lidar_racers(session, harness, folder)
+        return racers, {name: OCTOMAP_SCANS for name in racers if name == OCTOMAP}
     model = SONAR if session.beam_width_rad > 0.3 else SHARP
     cells, observed, place = _map_of(session)
     rows = len(observed)
@@ -132,7 +136,7 @@ def racers_of(
     half = session.beam_width_rad / 2.0
     table = np.array([[half, model["hit"], model["miss"], model["near"], model["fade_m"]]])
     job = (cells, observed, place, readings, table)
-    racers: dict[str, Race] = {
+    racers = {
         "fading": cpu(lambda: fading.add_fading(*job, 0, rows)),
         "limit": cpu(lambda: add_constant(cells, observed.shape[1], place, readings, half)),
     }
@@ -177,10 +181,30 @@ def _lidar_racers(session: Session, harness: Path | None, folder: Path) -> dict[
     if harness is not None:
         racers["MRPT thin rays"] = mrpt(harness, session, 1, folder)
         racers["MRPT widening beams"] = mrpt(harness, session, 2, folder)
+    if find_spec("pyoctomap") is not None:
+        racers[OCTOMAP] = octomap(session)
     racers["every 2nd row"] = cpu(lambda: lidar.add_scans(*job, 0, 2))
     racers["1 thread, wall"] = wall(lambda: in_parts(lidar.add_scans, *job))
     racers["2 threads, wall"] = wall(lambda: in_parts(lidar.add_scans, *job, threads=2))
     return racers
+
+
+def octomap(session: Session) -> Race:
+    """OctoMap's tree with cells of the same size: the first scans as clouds, every ray cast."""
+    pyoctomap = import_module("pyoctomap")
+    poses, scans = session.poses[:OCTOMAP_SCANS], session.ranges_m[:OCTOMAP_SCANS]
+
+    def run() -> float:
+        tree = pyoctomap.OcTree(session.resolution_m)
+        start = time.thread_time()
+        for (x, y, heading), ranges in zip(poses, scans, strict=True):
+            seen = np.isfinite(ranges)
+            angle, d = heading + session.bearings_rad[seen], ranges[seen]
+            points = np.column_stack([x + d * np.cos(angle), y + d * np.sin(angle), 0.0 * d])
+            tree.insertPointCloud(points, np.array([x, y, 0.0]))
+        return time.thread_time() - start
+
+    return run
 
 
 def numpy_twin(beliefs: NDArray[np.float64], session: Session, model: dict[str, float]) -> None:

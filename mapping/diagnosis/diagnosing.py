@@ -19,6 +19,8 @@ from mapping.diagnosis.search import Found, search
 from mapping.placed_session import HasBlocks, PlacedSession, place_session
 from mapping.scoring.held_out import Gain
 
+MOST_LOOKED_AT = 200_000  # readings: more take a while to go through once more
+
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
@@ -87,6 +89,14 @@ def at_first_sight(placed: PlacedSession, config: MappingConfig) -> str:
     evidence = Evidence.of(placed, config)
     found = [suspect for cause in CAUSES for suspect in cause.suspects(evidence)]
     return max(found, key=lambda suspect: suspect.cost).text if found else ""
+
+
+def worst_line(placed: PlacedSession, config: MappingConfig) -> str:
+    """The same for people, with what tells more; empty where a session is too long to look at."""
+    if placed.counts.readings > MOST_LOOKED_AT:
+        return ""
+    text = at_first_sight(placed, config)
+    return f"{text}: see echogrid diagnose" if text else ""
 
 
 def _notes(case: Case) -> tuple[str, ...]:

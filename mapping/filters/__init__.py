@@ -5,6 +5,14 @@ from __future__ import annotations
 from mapping.filters.neighbours import Neighbours
 from mapping.filters.prediction import PredictionFilter
 from mapping.filters.rejections import Rejections
-from mapping.filters.table import FILTERS, OFF, Verdicts
+from mapping.filters.table import FILTERS, OFF, PREDICTED, Verdicts
 
-__all__ = ["FILTERS", "OFF", "Neighbours", "PredictionFilter", "Rejections", "Verdicts"]
+__all__ = [
+    "FILTERS",
+    "OFF",
+    "PREDICTED",
+    "Neighbours",
+    "PredictionFilter",
+    "Rejections",
+    "Verdicts",
+]

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from mapping.learning.known_ranges import KnownRanges
-from mapping.learning.mixture import FEWEST, Fit, Pairs, fit_mixture
+from mapping.learning.mixture import FEWEST, BeamMixture, Fit, Pairs, fit_mixture
 from mapping.learning.near_far import NearFar, near_and_far
 from mapping.parameters import Sensor
 from recorder.columns import Floats
@@ -27,6 +27,8 @@ _LONG_M, _LONG_SPREADS = 0.1, 3.0
 _BAND_SPREADS = 2.5  # standard deviations of a hit that the band of a thin beam takes in
 _LEAST_BAND = 0.01
 _COARSE_STEPS = 12
+_LEAST_SCALE = 0.5  # and at most twice: no ranger is so far off, but readings of another room are
+_WIDEST_SPREAD = 0.5  # of a typical distance, one standard deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,13 +150,15 @@ def learn_sensor(known: KnownRanges, against: str, *, own_map: bool = False) -> 
     """Fit the mixture, at the beam width that explains the readings best where it can be known.
 
     ``own_map``: the distances come from the sensor's own map, which cannot tell bias and scale.
-    Raises BadInput where there are too few readings.
+    Raises BadInput where there are too few readings, or they do not follow the distances.
     """
     width_rad, interval_rad = None, None
     if len(known.bearings_rad) > 1:
         width_rad, interval_rad = _beam_width(known)
     pairs, incidence_rad = known.within(width_rad or 0.0)
     fit = fit_mixture(pairs, unbiased=own_map)
+    if not own_map:
+        _check_follows(known.sensor.name, fit.mixture, pairs, against)
     good = np.isfinite(pairs.true_m) & (pairs.true_m > 0.0) & ~np.isnan(pairs.range_m)
     pairs, incidence_rad = pairs.select(good), incidence_rad[good]
     densities = fit.mixture.densities(pairs)
@@ -168,6 +172,18 @@ def learn_sensor(known: KnownRanges, against: str, *, own_map: bool = False) -> 
         by_range, _by_incidence(pairs, cause, incidence_rad, long), pairs, cause[:, 0],
         near_far=None if own_map else near_and_far(fit.mixture, pairs),
     )  # fmt: skip
+
+
+def _check_follows(name: str, mixture: BeamMixture, pairs: Pairs, against: str) -> None:
+    """Raises BadInput where what would be right readings has little to do with the distances."""
+    typical_m = float(np.median(pairs.true_m[np.isfinite(pairs.true_m)]))
+    share = float(mixture.std_m(typical_m)) / max(typical_m, 1e-9)
+    if _LEAST_SCALE <= mixture.scale <= 1.0 / _LEAST_SCALE and share <= _WIDEST_SPREAD:
+        return
+    raise BadInput(
+        f"{name}: its ranges do not follow {against} (the best fit is {mixture.scale:.2g} times "
+        f"the distance, +-{100 * share:.0f} %): is it the right room, are poses and mount right?"
+    )
 
 
 def _too_long(fit: Fit, pairs: Pairs) -> np.ndarray[Any, np.dtype[np.bool_]]:

@@ -4,12 +4,15 @@ What is fitted depends on the rule in force. `pooled` has weights of its sums, f
 regression; other rules take what their sensor model says, whose strengths (`hit`, `miss` and
 `fade_m` of `fading`; `p_hit` and `p_miss` of `peak`) are searched for with the map's own log-loss.
 Either way all readings of a session count, and every sixth alone: what suits many must suit few.
+
+Where no walls are known, the readings that are kept out judge (the score without truth): the same
+strengths are searched for, and of `pooled` one factor for all its weights.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,13 +27,13 @@ from mapping.numbers import expit
 from mapping.parameters import Sensor, Table
 from mapping.readings import Readings
 from mapping.scoring.cells import log_loss_of
+from mapping.scoring.held_out import FOLDS, as_occupied, blocks_of, judge
 from mapping.scoring.observable import observable_cells
 from mapping.scoring.truth import Truth
-from mapping.update_rules.pooled_weights import as_table, given_weights, weights_of
+from mapping.update_rules.pooled_weights import Weights, as_table, given_weights, weights_of
 from mapping.update_rules.rules import Pooled
 from recorder.errors import BadInput
 
-Flags = NDArray[np.bool_]
 Settings = dict[str, Any]
 
 THINNED = (1, 6)  # every reading, every sixth
@@ -45,7 +48,7 @@ class Case:
     """One layer of a session in a room whose walls are known.
 
     ``readings`` are the layer's, ``looking`` the same with those that saw nothing; ``room`` tells
-    rooms apart. ``name`` is what people know it by.
+    rooms apart. ``name`` is what people know it by. Without a ``truth`` the readings judge.
     """
 
     name: str
@@ -54,7 +57,7 @@ class Case:
     readings: Readings
     looking: Readings
     geometry: GridGeometry
-    truth: Truth
+    truth: Truth | None
 
     @property
     def sensor(self) -> Sensor:
@@ -81,14 +84,40 @@ class Case:
         made.merge_many(replace(self.readings, sensors=sensors))
         return made
 
-    def seen(self) -> Flags:
-        """The cells (rows, cols) that could be observed."""
-        return observable_cells([self.looking], self.truth, self.geometry)[self.layer]
+    def judge(self) -> Callable[[Mapping[str, Any]], float]:
+        """What tells how bad its map is with some keys changed; what does not change is found once.
+
+        The log-loss against the walls; without them minus the log-likelihood of a reading by the
+        map of the others.
+        """
+        if self.truth is None:
+            return self._by_readings
+        walls = self.truth.wall_cells(self.geometry)
+        seen = observable_cells([self.looking], self.truth, self.geometry)[self.layer]
+
+        def loss(settings: Mapping[str, Any]) -> float:
+            probability = self.map(settings).layer().probability.astype(np.float64)
+            return log_loss_of(probability, walls, seen)
+
+        return loss
+
+    def _by_readings(self, settings: Mapping[str, Any]) -> float:
+        block, blocks = blocks_of(len(self.readings))
+        folds = min(FOLDS, blocks)
+        maps = [
+            replace(self, readings=self.readings.chosen(block % folds != fold)).map(settings)
+            for fold in range(folds)
+        ]
+        occupied = np.stack([
+            as_occupied(each.layer().probability, self.geometry.resolution_m) for each in maps
+        ])  # fmt: skip
+        judged = judge(self.readings, block, blocks, self.geometry, {self.layer: occupied})
+        return -judged.scores.mean
 
 
 @dataclass(frozen=True, slots=True)
 class KeptOut:
-    """A case judged by settings that were learned without it: log-loss, and that without them."""
+    """A case judged by settings that were learned without it, and as it was: lower is better."""
 
     name: str
     before: float
@@ -100,6 +129,7 @@ class LearnedStrengths:
     """The keys of a layer's sensors, and what they were worth where they were not learned from.
 
     ``same_room``: what was kept out was another time in the same room, which says less.
+    ``by_walls``: judged by log-loss; else by minus the log-likelihood of readings kept out.
     """
 
     layer: str
@@ -108,10 +138,11 @@ class LearnedStrengths:
     settings: Settings
     kept_out: tuple[KeptOut, ...]
     same_room: bool
+    by_walls: bool
 
     @property
     def before(self) -> float:
-        """The mean log-loss of what was kept out, as it was."""
+        """The mean loss of what was kept out, as it was."""
         return float(np.mean([each.before for each in self.kept_out]))
 
     @property
@@ -133,8 +164,9 @@ def learn_strengths(cases: Sequence[Case]) -> LearnedStrengths:
     """
     sensor = cases[0].sensor
     settings = fit(cases)
+    by_walls = cases[0].truth is not None
     rooms = list(dict.fromkeys(each.room for each in cases))
-    if len(rooms) > 1:
+    if len(rooms) > 1 and by_walls:
         groups = [[each for each in cases if each.room == room] for room in rooms]
     elif len(cases) > 1:
         groups = [[each] for each in cases]
@@ -143,40 +175,51 @@ def learn_strengths(cases: Sequence[Case]) -> LearnedStrengths:
     kept_out = []
     for k, group in enumerate(groups):
         others = fit([each for n, other in enumerate(groups) if n != k for each in other])
-        kept_out += [KeptOut(c.name, log_loss(c, {}), log_loss(c, others)) for c in group]
+        kept_out += [KeptOut(c.name, loss_of(c, {}), loss_of(c, others)) for c in group]
     names = dict.fromkeys(s.name for case in cases for s in case.readings.sensors
                           if s.layer == case.layer)  # fmt: skip
     return LearnedStrengths(
-        cases[0].layer, tuple(names), sensor.update, settings, tuple(kept_out), len(rooms) == 1
-    )
+        cases[0].layer, tuple(names), sensor.update, settings, tuple(kept_out),
+        by_walls and len(rooms) == 1, by_walls,
+    )  # fmt: skip
 
 
 def fit(cases: Sequence[Case]) -> Settings:
     """The keys that suit some cases best."""
     sensor = cases[0].sensor
+    like = _weights(sensor)
+    if sensor.update == Pooled.name and cases[0].truth is None:
+        return _searched(cases, ["factor"], lambda values: {
+            "weights": Table(as_table(_times(like, values["factor"])))
+        })  # fmt: skip
     if sensor.update == Pooled.name:
-        like = _weights(sensor)
         samples = [_sample(each.thinned(nth)) for each in cases for nth in THINNED]
         return {"weights": Table(as_table(fit_weights(samples, like, pull=PULL)))}
-    return _searched(cases, _strengths_of(sensor))
+    return _searched(cases, _strengths_of(sensor), dict)
 
 
-def log_loss(case: Case, settings: Mapping[str, Any]) -> float:
+def loss_of(case: Case, settings: Mapping[str, Any]) -> float:
     """Of its map with some keys changed: the mean of all readings and every sixth."""
-    found = []
-    for nth in THINNED:
-        thinned = case.thinned(nth)
-        walls = thinned.truth.wall_cells(thinned.geometry)
-        probability = thinned.map(settings).layer().probability.astype(np.float64)
-        found.append(log_loss_of(probability, walls, thinned.seen()))
-    return float(np.mean(found))
+    return float(np.mean([each.judge()(settings) for each in _parts(case)]))
+
+
+def _parts(case: Case) -> list[Case]:
+    """All its readings, and every sixth; where these judge themselves, all alone."""
+    return [case.thinned(nth) for nth in THINNED] if case.truth is not None else [case]
 
 
 def _sample(case: Case) -> Sample:
-    return sample_of(case.map({}).state, case.seen(), case.truth)
+    assert case.truth is not None
+    seen = observable_cells([case.looking], case.truth, case.geometry)[case.layer]
+    return sample_of(case.map({}).state, seen, case.truth)
 
 
-def _weights(sensor: Sensor) -> Any:
+def _times(weights: Weights, factor: float) -> Weights:
+    of = {name: factor * value for name, value in weights.of.items()}
+    return replace(weights, bias=factor * weights.bias, of=of)
+
+
+def _weights(sensor: Sensor) -> Weights:
     given = sensor.own.get("weights") or "sonar"
     return weights_of(given) if isinstance(given, str) else given_weights(given)
 
@@ -193,26 +236,27 @@ def _strengths_of(sensor: Sensor) -> list[str]:
     )
 
 
-def _searched(cases: Sequence[Case], names: Sequence[str]) -> Settings:
-    """Those with the least mean log-loss, by the simplex of Nelder and Mead (1965)."""
+def _searched(
+    cases: Sequence[Case], names: Sequence[str], keys_of: Callable[[dict[str, float]], Settings]
+) -> Settings:
+    """Those with the least mean loss, by the simplex of Nelder and Mead (1965)."""
     from scipy.optimize import minimize
 
-    thinned = [each.thinned(nth) for each in cases for nth in THINNED]
-    known = [(each, each.truth.wall_cells(each.geometry), each.seen()) for each in thinned]
-    start = np.array([_free(name, float(getattr(cases[0].sensor, name))) for name in names])
+    judges = [part.judge() for each in cases for part in _parts(each)]
+    sensor = cases[0].sensor
+    start = np.array([_free(name, float(getattr(sensor, name, 1.0))) for name in names])
+
+    def settings_of(values: NDArray[np.float64]) -> Settings:
+        pairs = zip(names, values.tolist(), strict=True)
+        return keys_of({name: float(f"{_bound(name, value):.4g}") for name, value in pairs})
 
     def loss(values: NDArray[np.float64]) -> float:
-        settings = {name: _bound(name, v) for name, v in zip(names, values.tolist(), strict=True)}
-        losses = [
-            log_loss_of(each.map(settings).layer().probability.astype(np.float64), walls, seen)
-            for each, walls, seen in known
-        ]
-        return float(np.mean(losses))
+        settings = settings_of(values)
+        return float(np.mean([of_part(settings) for of_part in judges]))
 
     simplex = np.vstack([start, start + _WIDE * np.eye(len(start))])
     options = {"maxfev": _TRIES, "initial_simplex": simplex, "xatol": 0.02, "fatol": 1e-4}
-    best = minimize(loss, start, method="Nelder-Mead", options=options).x.tolist()
-    return {name: float(f"{_bound(name, v):.4g}") for name, v in zip(names, best, strict=True)}
+    return settings_of(minimize(loss, start, method="Nelder-Mead", options=options).x)
 
 
 def _free(name: str, value: float) -> float:

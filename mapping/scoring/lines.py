@@ -133,14 +133,30 @@ def _fragmentation(wall_of: Ints, line: Ints, found: Flags) -> float:
 
 
 def _offset(places_m: Floats, pieces_m: Floats, geometry: GridGeometry, seen: Flags) -> float:
-    """The median distance of places (N, 2) from their walls (N, 2, 2), by the side seen."""
-    way = pieces_m[:, 1] - pieces_m[:, 0]
-    length = np.hypot(way[:, 0], way[:, 1])
-    normal = np.column_stack([-way[:, 1], way[:, 0]]) / length[:, None]
+    """The median offset of places (N, 2) from their walls (N, 2, 2), by the side seen."""
+    normal = normals_of(pieces_m)
     off_m = ((places_m - pieces_m[:, 0]) * normal).sum(axis=1)
     foot_m = places_m - off_m[:, None] * normal
     beside_m = _BESIDE_M * normal
     left, right = (looked_up(seen, foot_m + side_m, geometry) for side_m in (beside_m, -beside_m))
-    inwards = np.where(left, 1.0, -1.0)[left != right]  # where both sides are seen, neither is in
-    signed_m = -off_m[left != right] * inwards
+    side = left.astype(np.float64) - right  # where both sides are seen, neither is in front
+    return median_offset_m(places_m, pieces_m, side)
+
+
+def median_offset_m(places_m: Floats, pieces_m: Floats, seen_from: Floats) -> float:
+    """How far places (N, 2) lie from the lines of their walls (N, 2, 2), the median; NaN of none.
+
+    ``seen_from`` (N,) is the side from which each wall was seen: 1 its left, -1 its right, 0 is not
+    counted. Negative: in front of the wall, on that side; positive: behind it.
+    """
+    off_m = ((places_m - pieces_m[:, 0]) * normals_of(pieces_m)).sum(axis=1)
+    counted = seen_from != 0.0
+    signed_m = -off_m[counted] * np.sign(seen_from[counted])
     return float(np.median(signed_m)) if len(signed_m) else math.nan
+
+
+def normals_of(pieces_m: Floats) -> Floats:
+    """Unit vectors (N, 2) to the left of pieces (N, 2, 2)."""
+    way = pieces_m[:, 1] - pieces_m[:, 0]
+    length = np.hypot(way[:, 0], way[:, 1])
+    return np.asarray(np.column_stack([-way[:, 1], way[:, 0]]) / length[:, None])

@@ -69,10 +69,6 @@ class UpdateRule(Configurable):
         """Keys of a sensor that suit this rule better than those of the catalogue, by kind."""
         return {}
 
-    def suits(self, kind: SensorKind, beam_width_deg: float) -> bool:
-        """Whether the rule may be chosen, by who names none, for a sensor with such a beam."""
-        return True
-
     def merge(self, cells: Cells, temp: TempGrid) -> None:
         """Change ``cells``, the arrays over ``temp.window``, in place for one reading."""
         raise NotImplementedError

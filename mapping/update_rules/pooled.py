@@ -20,7 +20,6 @@ from mapping.update_rules.base import Cells, Floats, UpdateRule
 from mapping.update_rules.pooled_weights import MEDIUM, Weights, given_weights, weights_of
 from mapping.update_rules.saturating import in_steps
 from recorder.errors import BadInput
-from recorder.messages import Radiation
 from recorder.sensors import SensorKind
 
 NEAR_M, MIDDLE_M = 0.2, 0.4  # misses nearer than the first, and from there to the second
@@ -31,7 +30,6 @@ LIMITS = NEAR_M, MIDDLE_M, BEFORE_ARC_M, THIN, THIN_M, FARTHEST_MISS_M
 """What the kernel is given of these, in its order."""
 LEAST = 0.01  # hits and misses together: what one reading at 7 m counts
 MOST = 13.8  # log-odds that no sums pass
-WIDEST_LIGHT_DEG = 15.0  # the weights of light are those of a thin beam: in a cone they free walls
 _HALF_DIAGONAL = 0.7072
 _ROUNDING_M = 1e-9
 
@@ -76,9 +74,6 @@ class Pooled(UpdateRule):
     def usual(self, kind: SensorKind) -> dict[str, Any]:
         return {"weights": MEDIUM[kind.radiation]}
 
-    def suits(self, kind: SensorKind, beam_width_deg: float) -> bool:
-        return kind.radiation is Radiation.ULTRASOUND or beam_width_deg <= WIDEST_LIGHT_DEG
-
     @property
     def learned(self) -> Weights:
         """The weights in force. Raises BadInput where their file cannot be used."""
@@ -105,20 +100,31 @@ class Pooled(UpdateRule):
             np.minimum(cells[name], metres, out=cells[name], where=those)
 
     def values(self, cells: Cells) -> Floats:
-        learned = self.learned
-        total = np.full(cells["hits"].shape, learned.bias)
-        for term in self._weighted(cells).values():
-            total += term
-        # Less than one reading at the farthest is left where a map forgets.
-        total *= np.minimum((cells["hits"] + cells["misses"]) / LEAST, 1.0)
-        total = np.where(cells["hits"] == 0.0, np.minimum(total, 0.0), total)
-        held = np.clip(total, 0.0, learned.most_unpassed)
-        total = np.where(cells["misses"] == 0.0, held, total)
+        total = self._held(cells, self._unheld(cells))
         return expit(MOST * np.tanh(total / MOST))
 
+    def _unheld(self, cells: Cells) -> Floats:
+        total = np.full(cells["hits"].shape, self.learned.bias)
+        for term in self._weighted(cells).values():
+            total += term
+        return total
+
+    def _held(self, cells: Cells, unheld: Floats) -> Floats:
+        # Less than one reading at the farthest is left where a map forgets.
+        total = unheld * np.minimum((cells["hits"] + cells["misses"]) / LEAST, 1.0)
+        total = np.where(cells["hits"] == 0.0, np.minimum(total, 0.0), total)
+        held = np.clip(total, 0.0, self.learned.most_unpassed)
+        return np.where(cells["misses"] == 0.0, held, total)
+
     def terms(self, cells: Cells) -> dict[str, Floats]:
-        return {name.removesuffix("_m").replace("_", " "): term
-                for name, term in self._weighted(cells).items()}  # fmt: skip
+        """As :class:`UpdateRule` has it; ``limits`` is what a cell is held back by: one without
+        hits, and one that no beam passed through yet."""
+        unheld = self._unheld(cells)
+        named = {
+            name.removesuffix("_m").replace("_", " "): term
+            for name, term in self._weighted(cells).items()
+        }
+        return {**named, "limits": self._held(cells, unheld) - unheld}
 
     def _weighted(self, cells: Cells) -> dict[str, Floats]:
         of = self.learned.of

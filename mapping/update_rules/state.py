@@ -16,8 +16,14 @@ from mapping.update_rules.rules import (
     BUILT_IN_RULES,
     UPDATE_RULES,
     Bayes,
+    Binary,
     Cells,
+    Count,
+    DempsterShafer,
     Floats,
+    Pooled,
+    Saturating,
+    Sum,
     UpdateRule,
     unit_gives_probability,
 )
@@ -42,6 +48,8 @@ class Target(NamedTuple):
 
 
 Kernel = Callable[[Target], None]
+# Rules that change no cell but those of which a temp grid says something.
+_CHANGE_WHAT_IS_EVIDENT = (Binary, Count, Sum, DempsterShafer, Saturating, Pooled)
 
 
 class MapState:
@@ -149,6 +157,14 @@ class MapState:
         array = self._stack if self._steps is None else self._steps
         kernel(Target(array, self._observed, self._place(0, 0)))
         self._stale = True
+
+    def merge_unseen(self, temp: TempGrid) -> None:
+        """What :meth:`merge` does without a kernel, where nobody wants to see what it changed."""
+        if self._forgetting is None and type(self.rule) in _CHANGE_WHAT_IS_EVIDENT:
+            self._merge_cells(temp)
+            self._stale = True
+        else:
+            self.merge(temp)
 
     def _change(self, window: Window, kernel: Kernel) -> None:
         """Let a kernel change a window: on a copy of it, as it wants whole rows."""

@@ -13,7 +13,7 @@ _lidar = partial(
 )  # fmt: skip
 _MODEL = {
     "model_parameters": "those of an infrared ranger, the band by the range error",
-    "update": "`pooled` has no weights of its own for lasers, and no fast way for scans",
+    "update": "`pooled` has no fast way for scans, which are hundreds of beams each",
 }
 
 KINDS = (

@@ -12,7 +12,7 @@ _timed = partial(
 )  # fmt: skip
 _MODEL = {
     "model_parameters": "those of an infrared ranger, the band by the range error",
-    "update": "compared on simulated rooms; the weights of `pooled` are those of a thin beam",
+    "update": "as of an infrared ranger; in a wide cone `pooled` frees walls (simulated rooms)",
 }
 _WIDE = "It reports one range for all that its cone meets: an edge reads somewhere between."
 
@@ -89,7 +89,6 @@ KINDS = (
         range_error=0.04,
         rate_hz=100.0,
         model_parameters=fading_light(0.04),
-        update="pooled",
         faults=Faults(error=0.003, error_m=0.01, resolution_m=0.01),
         sources={
             **_MODEL,
@@ -109,7 +108,6 @@ KINDS = (
         range_error=0.02,
         rate_hz=100.0,
         model_parameters=fading_light(0.02),
-        update="pooled",
         faults=Faults(error=0.005, error_m=0.01, resolution_m=0.01),
         sources={
             **_MODEL,

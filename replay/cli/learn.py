@@ -29,7 +29,8 @@ from recorder.names import printable
 @click.option("--sensor", "only", multiple=True, help="Only this sensor; repeatable.")
 @click.option(
     "--weights", is_flag=True,
-    help="With true walls: also how strong its evidence should be, tried on rooms kept out.",
+    help="Also how strong its evidence should be: by true walls, tried on rooms kept out; without "
+    "them by the readings that are kept out.",
 )  # fmt: skip
 @config_options
 @click.option(
@@ -62,7 +63,8 @@ def learn(
     from replay.tables import text_table
 
     if weights and (trust or distances):
-        raise BadInput("--weights needs true walls: no --trust and no --distance")
+        raise BadInput("--weights goes by true walls or by readings kept out, not by --trust or "
+                       "--distance")  # fmt: skip
     _check(sessions, {".toml": output, ".html": page, ".csv": csv_file}, force=force)
     config = load_config(configs, settings, preset)
     with progress_bar(f"learning from {sessions[0].name}", quiet=quiet):
@@ -70,7 +72,11 @@ def learn(
             sessions, config, walls=walls, trust=trust, distances_m=_distances(distances),
             only=only,
         )  # fmt: skip
-        strong = strengths(sessions, config, learned, walls=walls, only=only) if weights else []
+        known = learned[0].against == "true walls"
+        strong = (
+            strengths(sessions, config, learned, walls=walls, known=known, only=only)
+            if weights else []
+        )  # fmt: skip
     names = [path.name for path in sessions]
     if as_json:
         click.echo(json.dumps(text.as_json(learned, strong), indent=1, allow_nan=False))

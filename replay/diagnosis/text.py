@@ -53,6 +53,8 @@ def settings_lines(settings: Mapping[str, Any], prefix: str = "") -> Iterator[st
 
 
 def _plain(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
     if isinstance(value, list):
         return f"[{','.join(f'{each:g}' for each in value)}]"
     return f"{value:g}" if isinstance(value, float) else str(value)

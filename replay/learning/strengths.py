@@ -27,17 +27,19 @@ def strengths(
     learned: Sequence[LearnedSensor],
     *,
     walls: Sequence[str] = (),
+    known: bool = True,
     only: Sequence[str] = (),
 ) -> list[LearnedStrengths]:
     """What suits each layer of some sessions best, with what was ``learned`` of its sensors.
 
-    ``walls`` are those of all sessions, or of each in order; without them their own count. Raises
-    BadInput, in one line, where walls are not known, or nothing can be learned.
+    ``walls`` are those of all sessions, or of each in order; without them their own count. Where
+    walls are not ``known``, readings that are kept out judge. Raises BadInput, in one line, where
+    walls are missing, or nothing can be learned.
     """
     mended = _mended(config, learned)
     of_layer: dict[str, list[Case]] = {}
     for path, given in zip(sessions, walls_of_each(walls, sessions), strict=True):
-        for case in _cases(path, given, mended):
+        for case in _cases(path, given, mended, known=known):
             mine = {s.name for s in case.readings.sensors if s.layer == case.layer}
             if not only or mine & set(only):
                 of_layer.setdefault(case.layer, []).append(case)
@@ -62,22 +64,23 @@ def walls_of_each(walls: Sequence[str], sessions: Sequence[Path]) -> list[str | 
     return [*walls] if len(walls) == len(sessions) else [*(walls or (None,))] * len(sessions)
 
 
-def _cases(path: Path, given: str | None, config: MappingConfig) -> Iterator[Case]:
+def _cases(path: Path, given: str | None, config: MappingConfig, *, known: bool) -> Iterator[Case]:
     session = open_session(path)
     placed = place_session(session, config)
-    if given is not None:
-        walls_m, surfaces = named_walls(given)
-    else:
-        own_m = true_walls(session.attachments)
-        if own_m is None:
-            raise BadInput(f"{path}: --weights needs its true walls: --walls ROOM or GEOJSON")
-        walls_m, surfaces = own_m, true_surfaces(session.attachments)
-    truth, geometry = TrueWalls.of(walls_m, surfaces), geometry_of(placed, config)
+    truth, geometry = None, geometry_of(placed, config)
+    own_m = true_walls(session.attachments)
+    if known and given is not None:
+        truth = TrueWalls.of(*named_walls(given))
+    elif known and own_m is not None:
+        truth = TrueWalls.of(own_m, true_surfaces(session.attachments))
+    elif known:
+        raise BadInput(f"{path} carries no walls, as other sessions do: --walls ROOM or GEOJSON")
+    room = b"" if truth is None else truth.walls_m.tobytes()
     readings = Readings.joined(list(placed))
     looking = Readings.joined(list(place_session(open_session(path), with_silent_readings(config))))
     for layer in dict.fromkeys(sensor.layer for sensor in placed.placement.sensors):
         yield Case(
-            path.name, walls_m.tobytes(), layer, _of(readings, layer), _of(looking, layer),
+            path.name, room, layer, _of(readings, layer), _of(looking, layer),
             geometry, truth,
         )  # fmt: skip
 

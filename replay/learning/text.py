@@ -61,7 +61,9 @@ def _usable(learned: LearnedSensor) -> str:
     low_m, high_m = learned.usable_m
     if math.isnan(low_m):
         return "At no distance are 40 % of its readings right: do not use it as it is."
-    nearest = low_m <= learned.by_range[0].to_m
+    least_m = learned.sensor.min_range_m  # nearer it reports nothing that is taken
+    nearest = least_m < low_m <= learned.by_range[0].to_m
+    low_m = max(low_m, least_m)
     farthest = high_m >= learned.by_range[-1].from_m
     judged_m = REACHED * learned.sensor.max_range_m
     farther = "farther" if high_m < 0.97 * judged_m else f"beyond {_length(judged_m)}"
@@ -135,12 +137,18 @@ def worth(strengths: LearnedStrengths) -> list[str]:
     shown = {key: value for key, value in strengths.settings.items() if key != "weights"}
     what = ", ".join(f"{key} {value:g}" for key, value in shown.items()) or "weights of its sums"
     kept = "another time in the same room" if strengths.same_room else "rooms"
-    lines = [
-        f"Evidence of {names} by the rule {strengths.rule}: {what}.",
-        f"Log-loss of maps of {kept}, kept out in turn ({len(strengths.kept_out)}): with what was "
-        f"learned of the others {strengths.learned:.3f}, as it was {strengths.before:.3f} "
-        "(undecided: 0.693).",
-    ]
+    turns = f"kept out in turn ({len(strengths.kept_out)})"
+    lines = [f"Evidence of {names} by the rule {strengths.rule}: {what}."]
+    if strengths.by_walls:
+        lines.append(
+            f"Log-loss of maps of {kept}, {turns}: with what was learned of the others "
+            f"{strengths.learned:.3f}, as it was {strengths.before:.3f} (undecided: 0.693)."
+        )
+    else:
+        lines.append(
+            f"Log-likelihood of readings of other times, {turns}: with what was learned "
+            f"{-strengths.learned:.3f}, as it was {-strengths.before:.3f} (higher is better)."
+        )
     if not strengths.is_better:
         lines.append("That is not better: the file leaves them as they are.")
     elif strengths.same_room:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from mapping.artifacts import MergedGrid
+from mapping.artifacts import MergedGrid, RejectedReading
 from mapping.beams import Beam
 from recorder.errors import BadInput
 from replay.diff.layers import never_seen, value_layer
@@ -44,7 +44,8 @@ def views_of_recording(path: Path, asked: Asked) -> list[MapView]:
 def _view(recording: RrdRecording, file: str, asked: Asked) -> MapView:
     beams = list(recording.beams())
     last = _step_of(recording, beams, asked)
-    beam = _beam_at(recording, beams, last)
+    left_out = last.artifact == RejectedReading.__name__
+    beam = _beam_at(recording, recording.rejected() if left_out else beams, last)
     classes = recording.classes() if asked.view == CLASSES else None
     layers = [*_exact_layers(recording), CLASSES]
     usual = _clearest(recording, beams) if beam is None else beam.layer
@@ -55,7 +56,7 @@ def _view(recording: RrdRecording, file: str, asked: Asked) -> MapView:
         around_session(_path([b for _, b in beams]), _clearest_points(beams), recording.walls_m),
         tuple(dict.fromkeys(each.sensor for _, each in beams)),
     )  # fmt: skip
-    when = "at the end" if beam is None else f"at step {last.step:,}, reading {beam.number:,}"
+    when = _when(last, beam, left_out=left_out)
     if name == CLASSES:
         if classes is None or beam is not None:
             raise BadInput(f"{recording.path}: the classes are known at the end alone")
@@ -77,6 +78,14 @@ def _view(recording: RrdRecording, file: str, asked: Asked) -> MapView:
         recording.geometry, layer.probability, ~never_seen(layer), over, file=file, layer=name,
         when=when, rule=rule,
     )  # fmt: skip
+
+
+def _when(last: Step, beam: Beam | None, *, left_out: bool) -> str:
+    """Which moment of the run is shown, in words."""
+    if beam is None:
+        return "at the end"
+    reading = f"a reading of {beam.sensor} left out" if left_out else f"reading {beam.number:,}"
+    return f"at step {last.step:,}, {reading}"
 
 
 def _exact_layers(recording: RrdRecording) -> list[str]:

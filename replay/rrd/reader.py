@@ -105,7 +105,15 @@ class RrdRecording:
 
     def beams(self) -> Iterator[tuple[int, Beam]]:
         """Every reading that is shown, with its step, in order."""
-        for batch in self._file.batches(layout.ROBOT, "ranges_m", whole=True):
+        return self._beams_below(layout.ROBOT)
+
+    def rejected(self) -> list[tuple[int, Beam]]:
+        """Every reading that a filter left out, with its step, in order."""
+        each = (self._beams_below(layout.rejected(layer)) for layer in self.layers)
+        return sorted(itertools.chain(*each), key=lambda found: found[0])
+
+    def _beams_below(self, entity: str) -> Iterator[tuple[int, Beam]]:
+        for batch in self._file.batches(entity, "ranges_m", whole=True):
             for i in range(batch.num_rows):
                 yield _step_of(batch, i), self._beam(batch, i)
 

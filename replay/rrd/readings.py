@@ -35,7 +35,7 @@ def draw_beam(canvas: Canvas, beam: Beam) -> None:
     canvas.add_for_now(entity, columns.strips, outline, _NO_STRIPS, sum(s.nbytes for s in outline))
     _draw_points(canvas, beam)
     _draw_range(canvas, beam)
-    _record(canvas, beam)
+    _record(canvas, beam, layout.ROBOT)
 
 
 def _draw_robot(canvas: Canvas, beam: Beam) -> None:
@@ -61,6 +61,7 @@ def draw_rejected(canvas: Canvas, rejected: RejectedReading) -> None:
     echo = f"{entity}/echo"
     canvas.prepare(echo, scene.set_up_points, layout.REJECTED)
     canvas.add_for_now(echo, columns.points, beam.points_m, np.zeros((0, 2)))
+    _record(canvas, beam, entity)
 
 
 def draw_temp(canvas: Canvas, temp: TempGrid) -> None:
@@ -139,7 +140,7 @@ def _draw_range(canvas: Canvas, beam: Beam) -> None:
     canvas.add(entity, columns.scalars, nearest if np.isfinite(nearest) else np.nan)
 
 
-def _record(canvas: Canvas, beam: Beam) -> None:
+def _record(canvas: Canvas, beam: Beam, entity: str) -> None:
     """The same once more for the reader, exactly."""
     base, sensor = beam.world_from_base, beam.world_from_sensor
     numbers = {
@@ -151,4 +152,4 @@ def _record(canvas: Canvas, beam: Beam) -> None:
     }
     record = BeamRecord(beam.sensor, beam.layer, numbers)
     size = sum(array.nbytes for array in numbers.values())
-    canvas.add(layout.ROBOT, columns.beam_records, record, size)
+    canvas.add(entity, columns.beam_records, record, size)

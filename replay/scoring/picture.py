@@ -26,6 +26,7 @@ Floats = NDArray[np.float64]
 _FOUND, _MISSED, _NOT_SEEN = (44, 140, 44), (214, 39, 40), (110, 110, 110)
 _GHOST, _LINE, _GRID = (255, 127, 14), (31, 100, 210), (215, 215, 215)
 _MAP_PX, _HIGHEST_PX, _LARGEST_CELL_PX, _CURVE_PX = 520, 520, 24.0, 260
+_CELLS_OF_A_POINT = 20  # fewer are chance
 _TEXT_PX = 15
 _AIR_M = 0.1
 _MOST_LAYERS = 4
@@ -157,7 +158,10 @@ def _curve(cells: CellScore) -> Image.Image:
         pen.line((at, 0, at, size), fill=_GRID)
         pen.line((0, at, size, at), fill=_GRID)
     pen.line((0, size, size, 0), fill=_NOT_SEEN)
-    points = [(b.probability * size, size - b.occupied * size) for b in cells.calibration]
+    points = [
+        (b.probability * size, size - b.occupied * size)
+        for b in cells.calibration if b.cells >= _CELLS_OF_A_POINT
+    ]  # fmt: skip
     if len(points) > 1:
         pen.line(points, fill=_LINE, width=2)
     for x, y in points:

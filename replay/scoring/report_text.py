@@ -12,6 +12,8 @@ from replay.json_values import json_object
 from replay.scoring.judging import ScoreReport
 from replay.tables import text_table
 
+_LEAST_GLASS_M = 0.05
+
 
 def summary(report: ScoreReport) -> list[str]:
     """What the score comes to, line by line."""
@@ -19,8 +21,10 @@ def summary(report: ScoreReport) -> list[str]:
     if report.layers:
         lines += [f"{report.path.name} against {report.truth_name}", f"judged over {report.basis}"]
         lines += ["", *text_table(_cell_rows(report))]
-        glass = [f"{each.score.layer} {each.score.cells.glass_m:.1f} m"
-                 for each in report.layers if each.score.cells.glass_m > 0.0]  # fmt: skip
+        glass = [
+            f"{each.score.layer} {each.score.cells.glass_m:.1f} m" for each in report.layers
+            if each.score.cells.glass_m >= _LEAST_GLASS_M
+        ]  # fmt: skip
         if glass:
             lines += ["", f"glass that light went through, not judged: {', '.join(glass)}"]
         found = _line_rows(report)

@@ -13,8 +13,9 @@ from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.smoothing import Noise, smoothed_track
 from mapping.tracks import MotionTrack, wrapped
 
-LEAST_GAIN = 0.02  # in log-likelihood a reading: poses always scatter a little
-_LEVEL = 0.99
+LEAST_GAIN = 0.02  # in log-likelihood a reading
+LEAST_M, LEAST_RAD = 0.01, math.radians(1.0)  # all poses scatter a little, and smoothing helps
+_LEVEL = 0.99  # at which the gain must hold: several things are tried
 _SHOWN = 400  # poses of the plot
 
 
@@ -30,15 +31,17 @@ class Smoothing(Cause):
         if pose.smooth or pose.fixed is not None or case.placed.by_odometry:
             return
         track = smoothed_track(placement.track, Noise(), placement.odometry)
+        away_m, turned_rad = _moved(placement.track, track)
+        if away_m < LEAST_M and turned_rad < LEAST_RAD:
+            return
         before, after = (
             case.judged(readings, case.judged_by)
             for readings in (case.session.under(hypothesis),
                              case.session.under(hypothesis, track))
         )  # fmt: skip
-        gain = after.gain_over(before, level=_LEVEL)
-        if not (gain.low > 0.0 and gain.mean >= LEAST_GAIN):
+        gain = after.gain_over(before)
+        if gain.mean < LEAST_GAIN or after.gain_over(before, level=_LEVEL).low <= 0.0:
             return
-        away_m, turned_rad = _moved(placement.track, track)
         beside = " and by dead reckoning" if placement.odometry is not None else ""
         yield Suspect(
             self.name, "",

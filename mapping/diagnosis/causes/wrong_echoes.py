@@ -12,14 +12,15 @@ from mapping.config import Sensor
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.interface import Cause, Suspect
 from mapping.diagnosis.hypothesis import Hypothesis
-from mapping.filters import FILTERS
+from mapping.filters import FILTERS, OFF, PREDICTED
 from mapping.placer import Placer
 from mapping.scoring.held_out import Gain
 from recorder.columns import Ints
 
 LEAST_GAIN = 0.02  # in log-likelihood a reading: every sensor errs now and then
-_LEVEL = 0.99
+_LEVEL = 0.99  # at which the gain must hold: several things are tried
 _MOST_REJECTED = 0.5  # of a sensor's readings: a filter that leaves out more is no filter
+_MOST_PREDICTED = 10_000  # readings of a sensor: more take seconds by this filter
 _TRIED: tuple[tuple[str, int], ...] = (("median", 3), ("median", 5), ("agree", 2), ("predicted", 3))
 _NAMED = {
     "median": "a median of {of}", "agree": "{of} in a row that agree",
@@ -48,7 +49,7 @@ class WrongEchoes(Cause):
         for sensor in case.readings.sensors:
             if sensor.name in (*case.thin, *case.wide) and not _scans(case, sensor.name):
                 known = case.placed.sensors[sensor.name]
-                tried = [] if known.filter != "off" else list(_tries(case, hypothesis, known))
+                tried = [] if known.filter != OFF else list(_tries(case, hypothesis, known))
                 if tried:
                     yield _suspect(case, known, max(tried, key=lambda each: each.gain.mean))
 
@@ -60,12 +61,15 @@ def _tries(case: Case, hypothesis: Hypothesis, sensor: Sensor) -> Iterator[_Trie
     mine = np.zeros(len(readings), np.bool_)
     mine[case.rows_of(sensor.name)] = True
     for name, of in _TRIED:
+        if name == PREDICTED and mine.sum() > _MOST_PREDICTED:
+            continue
         times = _rejected_ns(case, replace(sensor, filter=name, filter_of=of))
         rejected = mine & np.isin(readings.t_ns, times)
         if not 0 < rejected.sum() <= _MOST_REJECTED * mine.sum():
             continue
-        gain = case.judged(readings, [sensor.name], ~rejected).gain_over(before, level=_LEVEL)
-        if gain.low > 0.0 and gain.mean >= LEAST_GAIN:
+        after = case.judged(readings, [sensor.name], ~rejected)
+        gain = after.gain_over(before)
+        if gain.mean >= LEAST_GAIN and after.gain_over(before, level=_LEVEL).low > 0.0:
             yield _Tried(name, of, rejected, gain)
 
 

@@ -24,7 +24,16 @@ from mapping.kernels.batch.lanes_of_rows import (
     lanes_of_rows,
 )
 from mapping.kernels.batch.readings import Place, Readings
-from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_rows, mark_seen
+from mapping.kernels.batch.seen import (
+    Bits,
+    around,
+    blank_seen,
+    mark,
+    mark_changed,
+    mark_rows,
+    mark_seen,
+    no_box,
+)  # fmt: skip
 from mapping.kernels.batch.spans import (
     FRONT,
     OUTSIDE,
@@ -109,46 +118,52 @@ _fill_gaussians = fill_gaussians_in_lanes if WITH_LANES else fill_gaussians_plai
 def add_row_plainly(
     cells: Steps, row: int, bell: Singles, square: Singles, a: Any, f: Any, g: Any, b: Any,
     miss: Any, near: Any, depth: Any, hit: Any,
-) -> None:  # fmt: skip
-    """One row: a to f - 1 band, f to g - 1 front, g to b - 1 band."""
+) -> Any:  # fmt: skip
+    """One row: a to f - 1 band, f to g - 1 front, g to b - 1 band. 1 if any of them became 0."""
+    zeros = False
     for c in range(a, b):
         value = (miss + near * bell[c]) / (depth + square[c])  # both negative
         step = np.int32(np.rint(value if value > _LEAST else _LEAST))
         step = step if f <= c < g else hit
         total = np.int32(cells[row, c] + step)
         total = total if total < HIGHEST else HIGHEST
-        cells[row, c] = total if total > LOWEST else LOWEST
+        cells[row, c] = total = total if total > LOWEST else LOWEST
+        zeros |= total == 0
+    return np.int32(zeros)
 
 
 @inlined_loop
 def add_row_in_lanes(
     cells: Steps, row: int, bell: Singles, square: Singles, a: Any, f: Any, g: Any, b: Any,
     miss: Any, near: Any, depth: Any, hit: Any,
-) -> None:  # fmt: skip
+) -> Any:  # fmt: skip
     """The same, several cells at a time; to those outside 0 is added."""
     bounds = (np.int32(a), np.int32(f), np.int32(g), np.int32(b))
-    lanes_of_row(cells, np.int64(row), bell, square, bounds, np.float32(miss), np.float32(near),
-                 np.float32(depth), np.int32(hit), LOWEST)  # fmt: skip
+    return lanes_of_row(cells, np.int64(row), bell, square, bounds, np.float32(miss),
+                        np.float32(near), np.float32(depth), np.int32(hit), LOWEST)  # fmt: skip
 
 
 @inlined_loop
 def add_plain_row_plainly(
     cells: Steps, row: int, a: Any, f: Any, g: Any, b: Any, miss: Any, hit: Any
-) -> None:
+) -> Any:
     """One row where all cells in front lose as much."""
+    zeros = False
     for c in range(a, b):
         total = np.int32(cells[row, c] + (miss if f <= c < g else hit))
         total = total if total < HIGHEST else HIGHEST
-        cells[row, c] = total if total > LOWEST else LOWEST
+        cells[row, c] = total = total if total > LOWEST else LOWEST
+        zeros |= total == 0
+    return np.int32(zeros)
 
 
 @inlined_loop
 def add_plain_row_in_lanes(
     cells: Steps, row: int, a: Any, f: Any, g: Any, b: Any, miss: Any, hit: Any
-) -> None:
+) -> Any:
     """The same, several cells at a time; to those outside 0 is added."""
     bounds = (np.int32(a), np.int32(f), np.int32(g), np.int32(b))
-    lanes_of_plain_row(cells, np.int64(row), bounds, np.int32(miss), np.int32(hit), LOWEST)
+    return lanes_of_plain_row(cells, np.int64(row), bounds, np.int32(miss), np.int32(hit), LOWEST)
 
 
 add_row = add_row_in_lanes if WITH_LANES else add_row_plainly
@@ -159,40 +174,45 @@ add_plain_row = add_plain_row_in_lanes if WITH_LANES else add_plain_row_plainly
 def add_rows_plainly(
     cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, bell: Singles,
     square: Singles, row_bell: Singles, row_square: Singles, miss: Any, near: Any, hit: Any,
-) -> None:  # fmt: skip
+) -> Any:  # fmt: skip
     """The rows first, first + step, ... of one reading, their spans from column ``shift`` on."""
+    zeros = np.int32(0)
     for k in range(rows):
-        add_row_plainly(cells, first + k * step, bell, square, spans[0, k] - shift,
-                        spans[1, k] - shift, spans[2, k] - shift, spans[3, k] - shift, miss,
-                        near * row_bell[k], _UNIT + row_square[k], hit)  # fmt: skip
+        zeros |= add_row_plainly(cells, first + k * step, bell, square, spans[0, k] - shift,
+                                 spans[1, k] - shift, spans[2, k] - shift, spans[3, k] - shift,
+                                 miss, near * row_bell[k], _UNIT + row_square[k], hit)  # fmt: skip
+    return zeros
 
 
 @loop
 def add_rows_in_lanes(
     cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, bell: Singles,
     square: Singles, row_bell: Singles, row_square: Singles, miss: Any, near: Any, hit: Any,
-) -> None:  # fmt: skip
+) -> Any:  # fmt: skip
     """The same, several cells of two rows at a time."""
-    lanes_of_rows(cells, first, step, rows, np.int32(shift), spans, bell, square, row_bell,
-                  row_square, miss, near, hit, LOWEST)  # fmt: skip
+    return lanes_of_rows(cells, first, step, rows, np.int32(shift), spans, bell, square, row_bell,
+                         row_square, miss, near, hit, LOWEST)  # fmt: skip
 
 
 @loop
 def add_plain_rows_plainly(
     cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, miss: Any, hit: Any
-) -> None:
+) -> Any:
     """The same where all cells in front lose as much."""
+    zeros = np.int32(0)
     for k in range(rows):
-        add_plain_row_plainly(cells, first + k * step, spans[0, k] - shift, spans[1, k] - shift,
-                              spans[2, k] - shift, spans[3, k] - shift, miss, hit)  # fmt: skip
+        zeros |= add_plain_row_plainly(cells, first + k * step, spans[0, k] - shift,
+                                       spans[1, k] - shift, spans[2, k] - shift,
+                                       spans[3, k] - shift, miss, hit)  # fmt: skip
+    return zeros
 
 
 @loop
 def add_plain_rows_in_lanes(
     cells: Steps, first: int, step: int, rows: int, shift: int, spans: Steps, miss: Any, hit: Any
-) -> None:
+) -> Any:
     """The same, several cells of two rows at a time."""
-    lanes_of_plain_rows(cells, first, step, rows, np.int32(shift), spans, miss, hit, LOWEST)
+    return lanes_of_plain_rows(cells, first, step, rows, np.int32(shift), spans, miss, hit, LOWEST)
 
 
 _add_rows = add_rows_in_lanes if WITH_LANES else add_rows_plainly
@@ -206,18 +226,19 @@ def _add_wedge(
     square: Singles, row_bell: Singles, row_square: Singles,
 ) -> None:  # fmt: skip
     """The ``count`` rows of one beam from row ``first`` of the map on, ``spans`` being theirs."""
-    mark_rows(seen, first, count, place.col0, spans, miss != 0.0)
     if near == 0.0 and beam.limit < fade * FLAT:
         plain = np.int32(np.rint(max(miss, _LEAST)))
-        _add_plain_rows(cells, first, 1, count, place.col0, spans, plain, hit)
+        if _add_plain_rows(cells, first, 1, count, place.col0, spans, plain, hit) != 0:
+            mark_rows(seen, first, count, place.col0, spans, miss != 0.0)
         return
     start, end = (box[2] - place.col0) // LANES * LANES, -((place.col0 - box[3]) // LANES) * LANES
     gaussians(start + place.col0, end - start, 1, place.size_m, place.origin_x_m - beam.x,
               fade, bell[start:end], square[start:end])  # fmt: skip
     gaussians(first + place.row0, count, 1, place.size_m, place.origin_y_m - beam.y, fade,
               row_bell, row_square)  # fmt: skip
-    _add_rows(cells, first, 1, count, place.col0, spans, bell, square, row_bell, row_square,
-              miss, near, hit)  # fmt: skip
+    if _add_rows(cells, first, 1, count, place.col0, spans, bell, square, row_bell, row_square,
+                 miss, near, hit) != 0:  # fmt: skip
+        mark_rows(seen, first, count, place.col0, spans, miss != 0.0)
 
 
 @loop
@@ -251,15 +272,15 @@ def add_fading(
     """Add readings, in their order, to the rows begin to end - 1 of a map.
 
     ``cells`` (rows, a multiple of ``LANES``) are steps of log-odds, ``observed`` (rows, cols) gets
-    the cells of which anything was said. ``sensors`` (S, 5) holds half the beam's width and
-    `fading`'s hit, miss, near and fade_m of each sensor.
+    the cells of which anything was said; all that are not 0 must have it. ``sensors`` (S, 5) holds
+    half the beam's width and `fading`'s hit, miss, near and fade_m of each sensor.
     """
     (rows, cols), stride = observed.shape, cells.shape[1]
     bell, square = np.empty(stride, np.float32), np.empty(stride, np.float32)
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     row_bell, row_square = np.empty(doubt.size, np.float32), np.empty(doubt.size, np.float32)
     seen = blank_seen(rows, cols, 0, 1)
-    widths = widths_of(sensors[:, HALF_WIDTH])
+    widths, touched = widths_of(sensors[:, HALF_WIDTH]), no_box()
     xs, ys, headings, ranges, fronts, bands, names = readings
     for i in range(xs.size):
         if is_beyond(ys[i], max(fronts[i], bands[i]), place, begin, end):
@@ -271,6 +292,7 @@ def add_fading(
         near = np.float32(-sensors[name, MISS] * sensors[name, NEAR] * ONE)
         hit = np.int32(np.rint(min(sensors[name, HIT] / (1.0 + faded * faded) * ONE, CLAMP)))
         box, first, count = rows_of_band(beam, place, rows, cols, begin, end)
+        touched = around(touched, box)
         if count > 0 and beam.half <= WIDEST_RAD:
             spans_of_rows(beam, place, box, 1, spans, doubt)
         point_row, point_col = obstacle_cell(beam, place, rows, cols, ranges[i], bands[i], begin,
@@ -286,3 +308,4 @@ def add_fading(
             cells[point_row, point_col] = min(np.int32(before + hit), HIGHEST)
             mark(seen, point_row, point_col, point_col, point_col, point_col + 1, True)
     mark_seen(seen[begin:end], observed[begin:end], 0, 1)
+    mark_changed(cells, observed, touched, place.row0, place.col0, 0, 1)

@@ -115,8 +115,31 @@ class _Row:
     depth: Any = None
 
 
+class _Zeros:
+    """Did any cell become 0? Of all others it can be seen later that something was added."""
+
+    def __init__(self, builder: Any) -> None:
+        kind = ir.VectorType(ir.IntType(1), WIDTH)
+        self.builder = builder
+        self.found = cgutils.alloca_once_value(builder, ir.Constant(kind, [0] * WIDTH))
+
+    def note(self, cells: Lanes, inside: Lanes) -> None:
+        """Cells, and which of them something was added to."""
+        none = ir.Constant(cells.value.type, [0] * WIDTH)
+        is_zero = self.builder.icmp_signed("==", cells.value, none)
+        new = self.builder.and_(is_zero, inside.value)
+        self.builder.store(self.builder.or_(self.builder.load(self.found), new), self.found)
+
+    def any(self) -> Any:
+        """1 or 0."""
+        kind = ir.IntType(WIDTH)
+        bits = self.builder.bitcast(self.builder.load(self.found), kind)
+        is_any = self.builder.icmp_unsigned("!=", bits, ir.Constant(kind, 0))
+        return self.builder.zext(is_any, I32)
+
+
 def _add_side_by_side(
-    builder: Any, grid: Cells, rows: list[_Row], loss_of: Any, hit: Any, lowest: Any
+    builder: Any, grid: Cells, rows: list[_Row], loss_of: Any, hit: Any, lowest: Any, zeros: _Zeros
 ) -> None:
     """Add to the cells of some rows at once, all columns that any of their spans holds.
 
@@ -137,9 +160,11 @@ def _add_side_by_side(
         for row in rows:
             a, f, g, b = row.span
             step = loss_of(row, c).where(column.within(f, builder.sub(g, f)), hit)
-            step = step.where(column.within(a, builder.sub(b, a)), 0)
+            inside = column.within(a, builder.sub(b, a))
             at = builder.add(row.begin, c)
-            grid.store(at, (grid.load(at) + step).at_most(top).at_least(lowest))
+            total = (grid.load(at) + step.where(inside, 0)).at_most(top).at_least(lowest)
+            zeros.note(total, inside)
+            grid.store(at, total)
 
 
 def _fading_loss(builder: Any, bells: Cells, squares: Cells, miss: Any, lowest: Any) -> Any:
@@ -188,18 +213,18 @@ def lanes_of_rows(
             Cells(context, builder, signature.args[k], args[k]) for k in (0, 5, 6, 7, 8, 9)
         )
         _, first, step, count, shift, *_, miss, near, hit, lowest = args
-        loss = _fading_loss(builder, bells, squares, miss, lowest)
+        loss, zeros = _fading_loss(builder, bells, squares, miss, lowest), _Zeros(builder)
         with _in_pairs(builder, grid, table, first, step, count, shift) as pair:
             rows = []
             for k, begin, span in pair:
                 depth = builder.fadd(row_squares.one(k), ir.Constant(F32, 1.0))
                 rows.append(_Row(begin, span, builder.fmul(near, row_bells.one(k)), depth))
-            _add_side_by_side(builder, grid, rows, loss, hit, lowest)
-        return context.get_dummy_value()
+            _add_side_by_side(builder, grid, rows, loss, hit, lowest, zeros)
+        return zeros.any()
 
     singles, ints = (row_bell, row_square, types.float32, types.float32), (types.int32,) * 2
     place = (cells, types.int64, types.int64, types.int64, types.int32, spans)
-    return types.void(*place, bell, square, *singles, *ints), make
+    return types.int32(*place, bell, square, *singles, *ints), make
 
 
 @intrinsic
@@ -212,13 +237,14 @@ def lanes_of_plain_rows(
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         grid, table = (Cells(context, builder, signature.args[k], args[k]) for k in (0, 5))
         _, first, step, count, shift, _, miss, hit, lowest = args
+        loss, zeros = splat(builder, miss), _Zeros(builder)
         with _in_pairs(builder, grid, table, first, step, count, shift) as pair:
             rows = [_Row(begin, span) for _, begin, span in pair]
-            _add_side_by_side(builder, grid, rows, lambda *_: splat(builder, miss), hit, lowest)
-        return context.get_dummy_value()
+            _add_side_by_side(builder, grid, rows, lambda *_: loss, hit, lowest, zeros)
+        return zeros.any()
 
     place = (cells, types.int64, types.int64, types.int64, types.int32, spans)
-    return types.void(*place, *(types.int32,) * 3), make
+    return types.int32(*place, *(types.int32,) * 3), make
 
 
 @intrinsic
@@ -233,14 +259,15 @@ def lanes_of_row(
             Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 3)
         )
         _, row, _, _, bounds, miss, near, depth, hit, lowest = args
-        loss = _fading_loss(builder, bells, squares, miss, lowest)
+        loss, zeros = _fading_loss(builder, bells, squares, miss, lowest), _Zeros(builder)
         begin, span = builder.mul(row, grid.shape[1]), tuple(unpacked(builder, bounds))
-        _add_side_by_side(builder, grid, [_Row(begin, span, near, depth)], loss, hit, lowest)
-        return context.get_dummy_value()
+        rows = [_Row(begin, span, near, depth)]
+        _add_side_by_side(builder, grid, rows, loss, hit, lowest, zeros)
+        return zeros.any()
 
     singles = [types.float32] * 3
     row_of = (cells, types.int64, bell, square, types.UniTuple(types.int32, 4))
-    return types.void(*row_of, *singles, types.int32, types.int32), make
+    return types.int32(*row_of, *singles, types.int32, types.int32), make
 
 
 @intrinsic
@@ -253,9 +280,9 @@ def lanes_of_plain_row(
         grid = Cells(context, builder, signature.args[0], args[0])
         _, row, bounds, miss, hit, lowest = args
         begin, span = builder.mul(row, grid.shape[1]), tuple(unpacked(builder, bounds))
-        loss = splat(builder, miss)
-        _add_side_by_side(builder, grid, [_Row(begin, span)], lambda *_: loss, hit, lowest)
-        return context.get_dummy_value()
+        loss, zeros = splat(builder, miss), _Zeros(builder)
+        _add_side_by_side(builder, grid, [_Row(begin, span)], lambda *_: loss, hit, lowest, zeros)
+        return zeros.any()
 
     steps = [types.int32] * 3
-    return types.void(cells, types.int64, types.UniTuple(types.int32, 4), *steps), make
+    return types.int32(cells, types.int64, types.UniTuple(types.int32, 4), *steps), make

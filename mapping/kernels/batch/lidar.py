@@ -29,11 +29,20 @@ from mapping.kernels.batch.fading import (
 )  # fmt: skip
 from mapping.kernels.batch.lanes import free_loop, loop
 from mapping.kernels.batch.outline import front_runs
+from mapping.kernels.batch.owners import look_for_bands, nearest_axes, owner
 from mapping.kernels.batch.readings import Place, ScanAxes, Scans
-from mapping.kernels.batch.seen import Bits, blank_seen, mark, mark_seen
+from mapping.kernels.batch.seen import (
+    Bits,
+    around,
+    blank_seen,
+    mark,
+    mark_changed,
+    mark_seen,
+    no_box,
+)  # fmt: skip
 from mapping.kernels.batch.spans import Beam, likely_spans, span_scratch
 from mapping.kernels.batch.steps import CLAMP, HIGHEST, ONE
-from mapping.kernels.footprints import TOLERANCE_M, _in_beam, turn_of
+from mapping.kernels.footprints import TOLERANCE_M
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -45,13 +54,17 @@ Flags = NDArray[np.bool_]
 @loop
 def _band_runs(
     x: float, y: float, low: Floats, high: Floats, axis: Integers, fronts: Floats, bands: Floats,
-    place: Place, rows: int, cols: int, runs: Steps, slow: Flags, spans: Steps, doubt: Steps,
+    place: Place, rows: int, cols: int, runs: Steps, slow: Flags, in_band: Flags, spans: Steps,
+    doubt: Steps,
 ) -> int:  # fmt: skip
     """Fill ``runs`` (4, M) with a scan's bands, row, first, after and beam; how many, -1: too many.
 
-    ``fronts`` and ``bands`` are in metres, tolerances included.
+    ``fronts`` and ``bands`` are in metres, tolerances included. ``in_band`` gets the beams that
+    surely have a cell in their band.
     """
     found, size = 0, place.size_m
+    for j in range(axis.size):
+        in_band[axis[j]] = False
     y_row = (y - place.origin_y_m) / size - 0.5 - place.row0
     for j in range(axis.size):
         begin, end = fronts[j], bands[j]
@@ -76,57 +89,9 @@ def _band_runs(
                 if b > a:
                     runs[0, found], runs[1, found] = row0 + k, a - place.col0
                     runs[2, found], runs[3, found] = b - place.col0, axis[j]
+                    in_band[axis[j]] |= doubt[k] == 0
                     found += 1
     return found
-
-
-@loop
-def _nearest_axes(
-    axis: Integers, headings: Floats, turns: Floats, after: Integers, scratch: Floats
-) -> None:
-    """Borders between neighbouring axes as numbers of ``turn_of``, ascending, and the axis after
-    each: those of the rasteriser. The axes come in the order of their directions, so both lists
-    only have to be begun at their lowest."""
-    n, lowest, first = axis.size, 0, 0
-    for k in range(n):
-        if headings[axis[k]] % (2.0 * math.pi) < headings[axis[lowest]] % (2.0 * math.pi):
-            lowest = k
-    for k in range(n):
-        here = headings[axis[(lowest + k) % n]] % (2.0 * math.pi)
-        there = headings[axis[(lowest + k + 1) % n]] % (2.0 * math.pi)
-        there += 2.0 * math.pi if k == n - 1 else 0.0
-        middle = here + (there - here) / 2.0
-        scratch[k] = turn_of(math.cos(middle), math.sin(middle))
-        first = k if scratch[k] < scratch[first] else first
-    for k in range(n):
-        turns[k] = scratch[(first + k) % n]
-        after[k] = axis[(lowest + first + k + 1) % n]
-
-
-@loop
-def _owner(
-    dx: float, dy: float, turns: Floats, after: Integers, headings: Floats, half: float,
-    fronts: Floats, bands: Floats,
-) -> tuple[int, bool]:  # fmt: skip
-    """The beam that says something of a place, -1 for none, and is it in its band?
-
-    ``fronts`` and ``bands`` are the ends in metres, as the scan has them.
-    """
-    turn, low, high = turn_of(dx, dy), 0, turns.size
-    while low < high:  # how many borders lie at or before the place
-        middle = (low + high) // 2
-        low, high = (middle + 1, high) if turns[middle] <= turn else (low, middle)
-    axis = after[low - 1 if low > 0 else turns.size - 1]
-    rho = math.sqrt(dx * dx + dy * dy)
-    if rho > max(fronts[axis], bands[axis]) + TOLERANCE_M:
-        return -1, False
-    in_front = rho < fronts[axis] - TOLERANCE_M
-    if not in_front and not bands[axis] > fronts[axis]:
-        return -1, False
-    c, s = math.cos(headings[axis]), math.sin(headings[axis])
-    if not _in_beam(dx * c + dy * s, dy * c - dx * s, rho, math.sin(half), math.cos(half), half):
-        return -1, False
-    return axis, not in_front
 
 
 @loop
@@ -145,31 +110,9 @@ def _hit_of(sensor: Floats, range_m: float) -> Any:
 
 
 @loop
-def _count_bands(
-    runs: Steps, found: int, slow: Flags, place: Place, x: float, y: float, cols: int,
-    turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
-    in_band: Integers,
-) -> None:  # fmt: skip
-    """How many cells of its band each beam owns."""
-    for axis in range(in_band.size):
-        in_band[axis] = 0
-    for k in range(found):
-        if not slow[runs[0, k]]:
-            in_band[runs[3, k]] += runs[2, k] - runs[1, k]
-    for row in range(slow.size):
-        if slow[row]:
-            dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - y
-            for col in range(cols):
-                dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - x
-                axis, is_band = _owner(dx, dy, turns, after, headings, half, fronts, bands)
-                if axis >= 0 and is_band:
-                    in_band[axis] += 1
-
-
-@loop
 def _point_cells(
     cells: Steps, place: Place, x: float, y: float, headings: Floats, ranges: Floats,
-    bands: Floats, in_band: Integers, part: int, parts: int, cols: int, points: Integers,
+    bands: Floats, in_band: Flags, part: int, parts: int, cols: int, points: Integers,
 ) -> int:  # fmt: skip
     """The obstacle's own cell of each beam without a band: row, column, beam and what was there.
 
@@ -177,7 +120,7 @@ def _point_cells(
     """
     found = 0
     for axis in range(headings.size):
-        if in_band[axis] > 0 or bands[axis] < 0.0:
+        if in_band[axis] or bands[axis] < 0.0:
             continue
         px, py = (
             x + ranges[axis] * math.cos(headings[axis]),
@@ -204,7 +147,8 @@ def add_scans(
     """Add scans of one laser, in their order, to the rows part, part + parts, ... of a map.
 
     ``cells`` (rows, a multiple of ``LANES``) are steps of log-odds, ``observed`` (rows, cols) gets
-    the cells of which anything was said. ``sensor`` (5,) is a row of ``fading``'s table.
+    the cells of which anything was said; all that are not 0 must have it. ``sensor`` (5,) is a
+    row of ``fading``'s table.
     """
     (rows, cols), stride, beams = observed.shape, cells.shape[1], axes.bearings_rad.size
     bell, square = np.zeros(stride, np.float32), np.zeros(stride, np.float32)
@@ -214,14 +158,15 @@ def add_scans(
         np.empty(rows, np.bool_),
     )
     row_bell, row_square = np.zeros(doubt.size, np.float32), np.zeros(doubt.size, np.float32)
-    seen = blank_seen(rows, cols, part, parts)
+    seen, touched = blank_seen(rows, cols, part, parts), no_box()
     fronts_found, band_runs = np.empty((3, 8 * rows), np.int32), np.empty((4, 8 * rows), np.int32)
-    in_band, points = np.empty(beams, np.int64), np.empty((4, beams + 1), np.int64)
+    in_band, points = np.zeros(beams, np.bool_), np.empty((4, beams + 1), np.int64)
     low, high = np.empty_like(axes.low), np.empty_like(axes.high)
     axis, joined, bearings = axes.axis, axes.joined, axes.bearings_rad
     fronts, bands, in_cells = np.empty(axis.size), np.empty(axis.size), np.empty(axis.size)
     turns, after, headings = np.empty(axis.size), np.empty(axis.size, np.int64), np.empty(beams)
     half, size, is_sharp = sensor[HALF_WIDTH], place.size_m, _is_sharp(axes)
+    width, turned = (math.sin(half), math.cos(half), half), np.empty((2, beams))
     miss, near = np.float32(-sensor[MISS] * ONE), np.float32(-sensor[MISS] * sensor[NEAR] * ONE)
     for i in range(scans.x_m.size):
         x, y, heading = scans.x_m[i], scans.y_m[i], scans.heading_rad[i]
@@ -236,22 +181,26 @@ def add_scans(
             for row in range(rows):
                 slow[row] = not is_sharp
             if not is_sharp:
-                found = found_bands = 0
+                found, found_bands, in_band[:] = 0, 0, False
                 break
             column = (x - place.origin_x_m) / size - 0.5 - place.col0
             row_at = (y - place.origin_y_m) / size - 0.5 - place.row0
             found = front_runs(column, row_at, low, high, joined, in_cells, rows, cols, part,
                                 parts, start, fronts_found, slow)  # fmt: skip
             found_bands = _band_runs(x, y, low, high, axis, fronts, bands, place, rows, cols,
-                                     band_runs, slow, spans, doubt)  # fmt: skip
+                                     band_runs, slow, in_band, spans, doubt)  # fmt: skip
             if found < 0:
                 fronts_found = np.empty((3, 2 * fronts_found.shape[1]), np.int32)
             if found_bands < 0:
                 band_runs = np.empty((4, 2 * band_runs.shape[1]), np.int32)
+        box = _box_of(x, y, farthest, place, rows, cols)
+        touched = around(touched, box)
         if _any(slow):
-            _nearest_axes(axis, headings, turns, after, in_cells)
-        _count_bands(band_runs, found_bands, slow, place, x, y, cols, turns, after, headings, half,
-                     front_ends, band_ends, in_band)  # fmt: skip
+            nearest_axes(axis, headings, turns, after, in_cells)
+            for k in range(beams):
+                turned[0, k], turned[1, k] = math.cos(headings[k]), math.sin(headings[k])
+            look_for_bands(slow, place, x, y, box[2], box[3], turns, after, turned, width,
+                            front_ends, band_ends, in_band)  # fmt: skip
         found_points = _point_cells(cells, place, x, y, headings, ranges, band_ends, in_band, part,
                                     parts, cols, points)  # fmt: skip
         is_plain = near == 0.0 and farthest < sensor[FADE] * FLAT
@@ -265,8 +214,8 @@ def add_scans(
         _add_bands(cells, seen, band_runs, found_bands, slow, sensor, ranges, part, parts)
         for row in range(part, rows, parts):
             if slow[row]:
-                _add_slow_row(cells, seen, row, place, x, y, cols, turns, after, headings, half,
-                              front_ends, band_ends, ranges, sensor, bell, square,
+                _add_slow_row(cells, seen, row, place, x, y, box[2], box[3], turns, after,
+                              turned, width, front_ends, band_ends, ranges, sensor, bell, square,
                               row_bell, row_square, miss, near, parts)  # fmt: skip
         for k in range(found_points):
             row, col = points[0, k], points[1, k]
@@ -274,6 +223,20 @@ def add_scans(
             cells[row, col] = min(np.int32(np.int32(points[3, k]) + hit), HIGHEST)
             mark(seen, row // parts, col, col, col, col + 1, True)
     mark_seen(seen, observed, part, parts)
+    mark_changed(cells, observed, touched, 0, 0, part, parts)
+
+
+@loop
+def _box_of(
+    x: float, y: float, reach: float, place: Place, rows: int, cols: int
+) -> tuple[int, int, int, int]:
+    """The rows and columns of the array that something at most so far away may lie in."""
+    column, row = (x - place.origin_x_m) / place.size_m, (y - place.origin_y_m) / place.size_m
+    far = reach / place.size_m + 2.0
+    low_row, low_col = row - far - place.row0, column - far - place.col0
+    return (int(min(max(low_row, 0.0), rows)), int(min(max(low_row + 2.0 * far, 0.0), rows)),
+            int(min(max(low_col, 0.0), cols)),
+            int(min(max(low_col + 2.0 * far, 0.0), cols)))  # fmt: skip
 
 
 @loop
@@ -316,8 +279,8 @@ def _add_bands(
         if runs[3, k] != beam:
             beam = runs[3, k]
             hit = _hit_of(sensor, ranges[beam])
-        mark(seen, row // parts, a, b, b, b, True)
-        add_plain_row(cells, row, a, b, b, b, 0, hit)
+        if add_plain_row(cells, row, a, b, b, b, 0, hit) != 0:
+            mark(seen, row // parts, a, b, b, b, True)
 
 
 @loop
@@ -338,33 +301,35 @@ def _add_front(
     near: Any, is_plain: bool, parts: int,
 ) -> None:  # fmt: skip
     """The runs of a scan's front."""
+    if miss == 0.0:
+        return
     plain = np.int32(np.rint(max(miss, np.float32(-CLAMP))))
     for k in range(found):
         row, a, b = runs[0, k], runs[1, k], runs[2, k]
         if slow[row]:
             continue
-        if miss != 0.0:
-            mark(seen, row // parts, a, a, b, b, True)
         if is_plain:
-            add_plain_row(cells, row, a, a, b, b, plain, plain)
+            zeros = add_plain_row(cells, row, a, a, b, b, plain, plain)
         else:
-            add_row(cells, row, bell, square, a, a, b, b, miss, near * row_bell[row],
-                    np.float32(1.0) + row_square[row], plain)  # fmt: skip
+            zeros = add_row(cells, row, bell, square, a, a, b, b, miss, near * row_bell[row],
+                            np.float32(1.0) + row_square[row], plain)  # fmt: skip
+        if zeros != 0:
+            mark(seen, row // parts, a, a, b, b, True)
 
 
 @loop
 def _add_slow_row(
-    cells: Steps, seen: Bits, row: int, place: Place, x: float, y: float, cols: int,
-    turns: Floats, after: Integers, headings: Floats, half: float, fronts: Floats, bands: Floats,
-    ranges: Floats, sensor: Floats, bell: Singles,
+    cells: Steps, seen: Bits, row: int, place: Place, x: float, y: float, first: int, last: int,
+    turns: Floats, after: Integers, turned: Floats, width: tuple[float, float, float],
+    fronts: Floats, bands: Floats, ranges: Floats, sensor: Floats, bell: Singles,
     square: Singles, row_bell: Singles, row_square: Singles,
     miss: float, near: float, parts: int,
 ) -> None:  # fmt: skip
     """One row of a scan, each cell looked at."""
     dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - y
-    for col in range(cols):
+    for col in range(first, last):
         dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - x
-        axis, is_band = _owner(dx, dy, turns, after, headings, half, fronts, bands)
+        axis, is_band = owner(dx, dy, turns, after, turned, width, fronts, bands)
         if axis < 0:
             continue
         hit = _hit_of(sensor, ranges[axis])

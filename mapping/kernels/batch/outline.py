@@ -17,21 +17,23 @@ Floats = NDArray[np.float64]
 Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 
-_UNSURE = 1e-5  # of a cell
+_UNSURE = 1e-6  # of a cell, ...
+_UNSURE_RAD = 2e-10  # and what the rasteriser's tolerance of an edge moves at the end of a beam
 
 
 @loop
 def _row_range(
-    y: float, up: bool, d0: float, d1: float, rows: int, part: int, parts: int, slow: Flags
-) -> tuple[int, int]:
+    y: float, up: bool, d0: float, d1: float, unsure: float, rows: int, part: int, parts: int,
+    slow: Flags,
+) -> tuple[int, int]:  # fmt: skip
     """First row and row after the last whose centres lie d0 to d1 cells above (below) the sensor.
 
-    ``y`` is the sensor's row. Rows whose centre lies on an end are marked as ``slow``.
+    ``y`` is the sensor's row. Rows whose centre lies ``unsure`` of an end are marked as ``slow``.
     """
     low, high = (y + d0, y + d1) if up else (y - d1, y - d0)
     for end in (low, high):
         nearest = np.rint(end)
-        if abs(end - nearest) < _UNSURE and 0.0 <= nearest < rows:
+        if abs(end - nearest) < unsure and 0.0 <= nearest < rows:
             slow[int(nearest)] = True
     first = math.ceil(max(low, 0.0))
     return first + (part - first) % parts, math.floor(min(high, rows - 1.0)) + 1
@@ -46,10 +48,12 @@ def _along_ray(
     up, height = s > 0.0, abs(s)
     if before == after or height < 1e-12:
         return found
-    first, end = _row_range(y, up, min(before, after) * height, max(before, after) * height, rows,
-                            part, parts, slow)  # fmt: skip
+    longest = max(before, after)
+    turned = _UNSURE_RAD * longest
+    first, end = _row_range(y, up, min(before, after) * height, longest * height, _UNSURE + turned,
+                            rows, part, parts, slow)  # fmt: skip
     opens, last = after > before, np.float64(cols)
-    slope, unsure = c / s, _UNSURE + 2e-10 * max(before, after) / height
+    slope, unsure = c / s, _UNSURE + turned / height
     for row in range(first, end, parts):
         u = x + (row - y) * slope
         if abs(u - np.rint(u)) < unsure:
@@ -82,7 +86,8 @@ def _along_arc(
             continue
         low = radius * abs(s0 if opens else s1)
         high = radius if (begins and ends) else radius * abs(s1 if opens else s0)
-        first, end = _row_range(y, up, low, high, rows, part, parts, slow)
+        first, end = _row_range(y, up, low, high, _UNSURE + _UNSURE_RAD * radius, rows, part, parts,
+                                slow)  # fmt: skip
         for row in range(first, end, parts):
             wide = math.sqrt(max(radius * radius - (row - y) * (row - y), 0.0))
             u = x + (side if opens else -side) * wide

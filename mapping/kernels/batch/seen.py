@@ -1,4 +1,8 @@
-"""Of which cells anything was said: a bit a cell, small enough to stay in the nearest cache."""
+"""Of which cells anything was said: a bit a cell, small enough to stay in the nearest cache.
+
+Log-odds that are not 0 tell so themselves: where a kernel adds whole steps, only cells that became
+0 are noted, and ``mark_changed`` marks the others at the end.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +15,9 @@ from mapping.kernels.batch.lanes import inlined_loop, loop
 
 Bits = NDArray[np.uint64]
 Columns = NDArray[np.int32]
+Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
+Box = tuple[int, int, int, int]  # first row, row after the last, the same of columns
 
 _ALL: Any = np.uint64(0xFFFFFFFFFFFFFFFF)
 _LAST, _ONE, _NONE = np.uint64(63), np.uint64(1), np.uint64(0)
@@ -71,3 +77,35 @@ def mark_seen(seen: Bits, observed: Flags, part: int, parts: int) -> None:
             first = w * 64
             for u in range(min(64, cols - first)):
                 observed[row, first + u] |= (word >> np.uint64(u)) & _ONE != 0
+
+
+@inlined_loop
+def no_box() -> Box:
+    """A box without a cell, to begin with."""
+    return 1 << 60, -(1 << 60), 1 << 60, -(1 << 60)
+
+
+@inlined_loop
+def around(one: Box, other: Box) -> Box:
+    """The box around two boxes."""
+    return (min(one[0], other[0]), max(one[1], other[1]), min(one[2], other[2]),
+            max(one[3], other[3]))  # fmt: skip
+
+
+@loop
+def mark_changed(
+    cells: Steps, observed: Flags, box: Box, row0: int, col0: int, part: int, parts: int
+) -> None:
+    """Mark the cells of a box that are not 0; the array's first cell is (row0, col0).
+
+    Of its rows only part, part + parts, ...
+    """
+    rows, cols = observed.shape
+    first, after = max(box[2] - col0, 0), min(box[3] - col0, cols)
+    if after <= first:
+        return
+    top = max(box[0] - row0, 0)
+    for row in range(top + (part - top) % parts, min(box[1] - row0, rows), parts):
+        own, flags = cells[row], observed[row]
+        for c in range(np.uint64(first), np.uint64(after)):
+            flags[c] |= own[c] != 0

@@ -302,10 +302,12 @@ def rows_of_band(
 
 @loop
 def _has_band(spans: Columns, rows: int) -> bool:
-    """Does any of these rows have a cell in the band?"""
-    for k in range(rows):  # noqa: SIM110  (numba knows no generator expressions)
-        if spans[3, k] - spans[0, k] > spans[2, k] - spans[1, k]:
-            return True
+    """Does any of these rows have a cell in the band? Looked for from both ends: most bands reach
+    to one."""
+    for k in range((rows + 1) // 2):
+        for own in (k, rows - 1 - k):
+            if spans[3, own] - spans[0, own] > spans[2, own] - spans[1, own]:
+                return True
     return False
 
 
@@ -348,13 +350,15 @@ def obstacle_cell(
     cell lies outside the rows begin to end - 1. ``spans`` are those of the ``count`` rows of the
     beam in there, if it has spans; ``scratch`` is a ``span_scratch`` of its own.
     """
-    if band_end_m < 0.0 or surely_has_band(beam, place, rows, cols):
+    if band_end_m < 0.0 or _is_in_spans(beam, spans, count):
+        return -1, -1
+    if surely_has_band(beam, place, rows, cols):
         return -1, -1
     row, col = _cell_at(beam, place, range_m)
     if not (0 <= col < cols and begin <= row < end):
         return -1, -1
     is_whole = begin == 0 and end == rows
-    has_band = _has_band_cell(beam, place, rows, cols, is_whole, spans, count, scratch)
+    has_band = _is_elsewhere(beam, place, rows, cols, is_whole, scratch)
     return (-1, -1) if has_band else (row, col)
 
 
@@ -366,18 +370,21 @@ def _cell_at(beam: Beam, place: Place, range_m: float) -> tuple[int, int]:
     return math.floor((y - place.origin_y_m) / place.size_m) - place.row0, col
 
 
+@inlined_loop
+def _is_in_spans(beam: Beam, spans: Columns, count: int) -> bool:
+    """Do the spans of a beam, if it has any, hold a cell of the band?"""
+    is_spanned = beam.half <= WIDEST_RAD and beam.limit > beam.front_limit
+    return is_spanned and _has_band(spans, count)
+
+
 @loop
-def _has_band_cell(
-    beam: Beam, place: Place, rows: int, cols: int, is_whole: bool, spans: Columns, count: int,
-    scratch: tuple[Columns, Columns],
-) -> bool:  # fmt: skip
-    """Is there a cell in the band? ``is_whole``: the spans are those of all rows."""
-    if beam.limit <= beam.front_limit:
+def _is_elsewhere(
+    beam: Beam, place: Place, rows: int, cols: int, is_whole: bool, scratch: tuple[Columns, Columns]
+) -> bool:
+    """Is there a cell in the band that spans do not hold? ``is_whole``: they are of all rows."""
+    if beam.limit <= beam.front_limit or (beam.half <= WIDEST_RAD and is_whole):
         return False
-    has_spans = beam.half <= WIDEST_RAD
-    if has_spans and _has_band(spans, count):
-        return True
-    return not (has_spans and is_whole) and not _lacks_band(beam, place, rows, cols, scratch)
+    return not _lacks_band(beam, place, rows, cols, scratch)
 
 
 @loop
@@ -386,10 +393,12 @@ def point_cell(
     parts: int, spans: Columns, count: int, scratch: tuple[Columns, Columns],
 ) -> tuple[int, int]:  # fmt: skip
     """The same for a part of every so-many-th row."""
-    if band_end_m < 0.0 or surely_has_band(beam, place, rows, cols):
+    if band_end_m < 0.0 or _is_in_spans(beam, spans, count):
+        return -1, -1
+    if surely_has_band(beam, place, rows, cols):
         return -1, -1
     row, col = _cell_at(beam, place, range_m)
     if not (0 <= col < cols and 0 <= row < rows and row % parts == part):
         return -1, -1
-    has_band = _has_band_cell(beam, place, rows, cols, parts == 1, spans, count, scratch)
+    has_band = _is_elsewhere(beam, place, rows, cols, parts == 1, scratch)
     return (-1, -1) if has_band else (row, col)
