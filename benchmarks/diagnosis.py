@@ -1,225 +1,158 @@
 """What ``diagnose`` names where a fault was planted, and where none was: a confusion table.
 
-``python -m benchmarks.diagnosis`` simulates 20 sessions of each fault, in eight rooms, and takes
-about an hour; ``--quick`` four of each, half as long. ``--only late`` runs the faults whose names
-hold that word. The table is Markdown, as docs/diagnose.md shows it.
+``python -m benchmarks.diagnosis run OUT.jsonl`` plants each fault in 20 simulated runs, in eight
+rooms; with ``--recorded DIR`` in the recorded sessions of a folder. Each verdict is a line of
+OUT.jsonl, and what stands there already is not run again: so it can be done in pieces (``--jobs 2``
+at a time, ``--only late``, ``--seeds 100:120``). ``table OUT.jsonl`` prints the table as
+docs/diagnose.md shows it, ``misses OUT.jsonl`` what was not named, or wrongly.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
+import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
 
+from benchmarks.planted import PLANTED, Fault, Planted, recorded, simulated
 from mapping.config import load_config
 from mapping.diagnosis.causes.interface import Suspect
-from mapping.diagnosis.diagnosing import Diagnosis, diagnose
-from mapping.placed_session import HasBlocks
-from recorder.columns import ALL, Block, Choice, blocks_of
-from recorder.geometry import SE2
-from recorder.messages import Range, Record, topic_of
-from recorder.simulator.faults import SOUND, RunFaults, SensorFaults
-from recorder.simulator.robot import simulate
-from recorder.simulator.rooms import ROOMS
+from mapping.diagnosis.diagnosing import diagnose
 
-DURATION_S, QUICK_S = 280.0, 200.0
-SEEDS, QUICK_SEEDS = 20, 4
-TEN_MS, ONE_DEG, FIVE_MM, HALF_PERCENT = 0.010, math.radians(1.0), 0.005, 0.005
-Check = Callable[[Suspect], bool]
-
-
-@dataclass(frozen=True, slots=True)
-class Planted:
-    """A fault: how it is planted, which cause it is, and how near the amount must be."""
-
-    name: str
-    faults: Callable[[int], RunFaults]
-    cause: str
-    near: Callable[[Suspect, int], bool] = lambda suspect, seed: True
-    also: str = ""
-    swap_s: float | None = None
-    sensors: tuple[str, ...] = ("ping", "dirrs")
-    mounts: Mapping[str, SE2] = field(default_factory=dict)
-
-
-class Kept:
-    """Messages as a session that can be gone through again and again."""
-
-    def __init__(self, messages: list[Record]) -> None:
-        self._blocks = list(blocks_of(messages))
-
-    def blocks(self, choice: Choice = ALL) -> Iterator[Block]:
-        """What of it is wanted."""
-        return map(choice.of, self._blocks)
-
-
-def _sensor(name: str, **faults: object) -> RunFaults:
-    return replace(SOUND, sensors={name: SensorFaults(**faults)})  # type: ignore[arg-type]
-
-
-def _sign(seed: int) -> int:
-    return 1 if seed % 2 else -1
-
-
-def _delay(seed: int) -> float:
-    return (0.05, 0.1, 0.15, 0.2)[seed % 4] * _sign(seed // 4)
-
-
-def _yaw(seed: int) -> float:
-    return math.radians((2.0, 5.0, 10.0, 15.0)[seed % 4]) * _sign(seed // 4)
-
-
-def _shift(seed: int) -> float:
-    return (0.01, 0.02, 0.03, 0.05)[seed % 4] * _sign(seed // 4)
-
-
-def _scale(seed: int) -> float:
-    return 1.0 + 0.03 * _sign(seed)
-
-
-def _off(value: float, by: float) -> Check:
-    return lambda suspect: suspect.value is not None and abs(suspect.value - value) <= by
-
-
-PLANTED = (
-    Planted("none", lambda seed: SOUND, ""),
-    Planted("pose 50 to 200 ms late or early",
-            lambda seed: replace(SOUND, pose_delay_s=_delay(seed)), "pose-time",
-            lambda s, seed: _off(-_delay(seed), TEN_MS)(s)),
-    Planted("infrared turned 2 to 15 degrees",
-            lambda seed: _sensor("dirrs", mount=SE2(0.0, 0.0, _yaw(seed))),
-            "mount", lambda s, seed: s.unit == "rad" and _off(_yaw(seed), ONE_DEG)(s)),
-    Planted("infrared shifted 1 to 5 cm sideways",
-            lambda seed: _sensor("dirrs", mount=SE2(0.0, _shift(seed), 0.0)),
-            "mount", lambda s, seed: s.unit == "m" and _off(_shift(seed), FIVE_MM)(s)),
-    Planted("sonar turned 15 degrees",
-            lambda seed: _sensor("ping", mount=SE2(0.0, 0.0, math.radians(15.0) * _sign(seed))),
-            "mount", lambda s, seed: _off(math.radians(15.0) * _sign(seed), ONE_DEG)(s)),
-    Planted("infrared scale 3 %", lambda seed: _sensor("dirrs", scale=_scale(seed)),
-            "range", lambda s, seed: s.unit == "times" and _off(_scale(seed), HALF_PERCENT)(s)),
-    Planted("infrared bias 2 cm", lambda seed: _sensor("dirrs", bias_m=0.02 * _sign(seed)),
-            "range", lambda s, seed: s.unit == "m" and _off(0.02 * _sign(seed), FIVE_MM)(s)),
-    Planted("sonar beam half as wide", lambda seed: _sensor("ping", beam_width_deg=19.0), "beam",
-            lambda s, seed: (s.value or 0.0) < 1.0),
-    Planted("sonar beam twice as wide", lambda seed: _sensor("ping", beam_width_deg=76.0), "beam",
-            lambda s, seed: (s.value or 0.0) > 1.0),
-    Planted("channels swapped", lambda seed: replace(SOUND, sensors={
-        "ping": SensorFaults(reports_as="dirrs"), "dirrs": SensorFaults(reports_as="ping")}),
-        "channels"),
-    Planted("channels swapped midway", lambda seed: SOUND, "channels",
-            lambda s, seed: abs((s.value or 0.0) - 100.0) < 5.0, swap_s=100.0),
-    Planted("infrared stuck for 20 s", lambda seed: _sensor("dirrs", stuck_s=(60.0, 80.0)),
-            "silence"),
-    Planted("15 % cross-talk of two sonars", lambda seed: replace(SOUND, cross_talk=0.15),
-            "cross-talk", sensors=("ping_left", "ping", "dirrs"),
-            mounts={"ping_left": SE2(0.0, 0.044, math.pi / 2)}),
-    Planted("late and turned", lambda seed: replace(
-        _sensor("dirrs", mount=SE2(0.0, 0.0, _yaw(seed))), pose_delay_s=_delay(seed + 1)),
-        "pose-time", lambda s, seed: _off(-_delay(seed + 1), TEN_MS)(s), also="mount"),
-    Planted("turned, and the channels swapped", lambda seed: replace(SOUND, sensors={
-        "ping": SensorFaults(reports_as="dirrs"),
-        "dirrs": SensorFaults(reports_as="ping", mount=SE2(0.0, 0.0, _yaw(seed)))}),
-        "channels", also="mount"),
-    Planted("headings 5 degrees off",
-            lambda seed: replace(SOUND, heading_bias_deg=5.0 * _sign(seed)), "heading",
-            lambda s, seed: _off(math.radians(-5.0) * _sign(seed), ONE_DEG)(s)),
-    Planted("headings 5 degrees off, two infrared",
-            lambda seed: replace(SOUND, heading_bias_deg=5.0 * _sign(seed)), "heading",
-            lambda s, seed: _off(math.radians(-5.0) * _sign(seed), ONE_DEG)(s),
-            sensors=("ping", "dirrs", "dirrs_left"),
-            mounts={"dirrs_left": SE2(0.0, 0.03, math.pi / 2)}),
-    Planted("headings drift by 2 degrees a minute",
-            lambda seed: replace(SOUND, pose_drift_degpmin=2.0 * _sign(seed)), "drift",
-            lambda s, seed: s.unit == "rad/s"
-            and _off(math.radians(2.0 / 60.0) * _sign(seed), math.radians(0.3 / 60.0))(s)),
-    Planted("places drift by 5 cm a minute",
-            lambda seed: replace(SOUND, pose_drift_mpmin=0.05), "drift",
-            lambda s, seed: s.unit == "m/s"),
-    Planted("half of the sonar's ranges at random", lambda seed: _sensor("ping", random=0.5),
-            "far-echoes"),
-)  # fmt: skip
-
-
-def session_of(planted: Planted, seed: int, duration_s: float) -> HasBlocks:
-    """One simulated run with the fault."""
-    names = list(ROOMS)[:8]
-    room = ROOMS[names[seed % len(names)]]
-    messages = simulate(
-        room, duration_s=duration_s, seed=1000 + seed, sensors=planted.sensors,
-        faults=planted.faults(seed), mounts=planted.mounts,
-    )  # fmt: skip
-    records, start_ns = [], None
-    for log_ns, message in messages:
-        start_ns = log_ns if start_ns is None else start_ns
-        late = planted.swap_s is not None and log_ns - start_ns > planted.swap_s * 1e9
-        if late and isinstance(message, Range):
-            message = _as_other(message)
-        records.append(Record(topic_of(message), log_ns, message))
-    return Kept(records)
-
-
-def _as_other(message: Range) -> Range:
-    """The same range on the channel of the other sensor."""
-    from recorder.sensors import CATALOGUE
-
-    other = "dirrs" if message.sensor == "ping" else "ping"
-    return CATALOGUE[other].parameters.reading(message.t_ns, other, message.range_m)
-
-
-def verdict(planted: Planted, seed: int, found: Diagnosis) -> tuple[str, bool, bool]:
-    """The cause named first, whether it is the right one, and by the right amount.
-
-    Of two faults either may be named first, and the other one must be named too.
-    """
-    causes = [each.cause for each in found.suspects]
-    first = causes[0] if causes else "none"
-    if not planted.cause:
-        return first, not causes, not causes
-    wanted = {planted.cause, planted.also} - {""}
-    named = first in wanted and wanted <= set(causes)
-    mine = [each for each in found.suspects if each.cause == planted.cause]
-    return first, named, named and any(planted.near(each, seed) for each in mine)
+DURATION_S = 280.0
+Row = dict[str, Any]
+BY_NAME = {each.name: each for each in PLANTED}
 
 
 def main() -> None:
-    """Run, and print the table."""
+    """Run, or print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="four sessions of each fault")
-    parser.add_argument("--seeds", type=int, help="sessions of each fault")
-    parser.add_argument("--only", default="", help="faults whose names hold this")
+    parser.add_argument("what", choices=("run", "table", "misses"))
+    parser.add_argument("results", type=Path, help="JSON lines, one a session")
+    parser.add_argument("--seeds", default="100:120", help="FIRST:END")
+    parser.add_argument("--quick", action="store_true", help="four seeds, runs of 200 s")
+    parser.add_argument("--only", default="", help="faults whose names hold this (or|this)")
+    parser.add_argument("--recorded", type=Path, help="plant into NAME_A.mcap, NAME_B.mcap there")
+    parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
-    seeds = asked.seeds or (QUICK_SEEDS if asked.quick else SEEDS)
-    duration_s = QUICK_S if asked.quick else DURATION_S
-    print("| planted | named first | and by the right amount | named first, how often | CPU, s |")
-    print("|---|---|---|---|---|")
+    if asked.what == "run":
+        _run(asked)
+    elif asked.what == "table":
+        print("\n".join(table(_rows(asked.results))))
+    else:
+        print("\n".join(misses(_rows(asked.results))))
+
+
+def _rows(path: Path) -> list[Row]:
+    return [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+
+
+def _run(asked: argparse.Namespace) -> None:
+    first, end = map(int, asked.seeds.split(":"))
+    seeds = range(first, first + 4 if asked.quick else end)
+    duration_s = 200.0 if asked.quick else DURATION_S
+    done = {(row["planted"], row["seed"]) for row in _rows(asked.results)}
+    wanted = [
+        (each.name, seed, duration_s, asked.recorded)
+        for seed in seeds  # all faults by each: a run that is cut short is a fair table, too
+        for each in PLANTED
+        if any(part in each.name for part in asked.only.split("|"))
+        and (each.recorded or asked.recorded is None)
+        and (each.name, seed) not in done
+    ]
+    with asked.results.open("a") as out, ProcessPoolExecutor(asked.jobs) as pool:
+        for count, row in enumerate(pool.map(_session, *zip(*wanted, strict=True)), 1):
+            out.write(json.dumps(row) + "\n")
+            out.flush()
+            texts = "; ".join(s["text"] for s in row["suspects"]) or "nothing"
+            print(f"{count}/{len(wanted)} {row['planted']}, seed {row['seed']}: {texts}",
+                  file=sys.stderr, flush=True)  # fmt: skip
+
+
+def _session(name: str, seed: int, duration_s: float, folder: Path | None) -> Row:
+    """One session, as a line of the results."""
+    planted = BY_NAME[name]
+    if folder is None:
+        session = simulated(planted, seed, duration_s)
+    else:
+        session = recorded(planted, seed, folder)
+    began_s = time.process_time()
+    found = diagnose(session, load_config())
+    spent_s = time.process_time() - began_s
+    keys = ("cause", "subject", "text", "value", "unit", "error", "cost", "sure")
+    suspects = [{key: getattr(each, key) for key in keys} for each in found.suspects]
+    return {"planted": name, "seed": seed, "cpu_s": round(spent_s, 2), "suspects": suspects}
+
+
+def verdict(planted: Planted, row: Row) -> tuple[bool, bool]:
+    """Whether the right cause is named first (of the right sensor, with the right sign), and
+    whether all amounts are right.
+
+    Of two faults either may be named first, and both must be named; of none none.
+    """
+    suspects, faults = _suspects(row), planted.faults(row["seed"])
+    if not faults:
+        return not suspects, not suspects
+    named = bool(suspects) and any(each.is_named(suspects[0]) for each in faults)
+    named = named and all(any(map(each.is_named, suspects)) for each in faults)
+    return named, named and all(any(map(each.is_right, suspects)) for each in faults)
+
+
+def _suspects(row: Row) -> list[Suspect]:
+    return [Suspect(evidence=(), **each) for each in row["suspects"]]
+
+
+def table(rows: Iterable[Row]) -> Iterator[str]:
+    """The confusion table, in Markdown; last how often the stated errors hold the truth."""
+    rows = list(rows)
+    yield "| planted | named first | and by the right amount | named first, how often | CPU, s |"
+    yield "|---|---|---|---|---|"
+    within: list[float] = []
     for planted in PLANTED:
-        if asked.only in planted.name:
-            print(_row(planted, seeds, duration_s), flush=True)
+        mine = [row for row in rows if row["planted"] == planted.name]
+        if not mine:
+            continue
+        verdicts = [verdict(planted, row) for row in mine]
+        named, right = (sum(each) for each in zip(*verdicts, strict=True))
+        firsts = Counter(r["suspects"][0]["cause"] if r["suspects"] else "none" for r in mine)
+        often = ", ".join(f"{cause} {count}" for cause, count in firsts.most_common())
+        cpu_s = sum(row["cpu_s"] for row in mine) / len(mine)
+        yield f"| {planted.name} | {named} of {len(mine)} | {right} | {often} | {cpu_s:.1f} |"
+        within += [off for row in mine for off in _errors_off(planted.faults(row["seed"]), row)]
+    if within:
+        shares = [sum(off <= k for off in within) / len(within) for k in (1.0, 2.0)]
+        yield ""
+        yield (
+            f"Of {len(within)} amounts with a stated error {shares[0]:.0%} lie within one of it, "
+            f"{shares[1]:.0%} within two."
+        )
 
 
-def _row(planted: Planted, seeds: int, duration_s: float) -> str:
-    firsts: Counter[str] = Counter()
-    named = right = 0
-    spent_s = 0.0
-    for seed in range(seeds):
-        session = session_of(planted, seed, duration_s)
-        began_s = time.process_time()
-        found = diagnose(session, load_config())
-        spent_s += time.process_time() - began_s
-        first, is_named, is_right = verdict(planted, seed, found)
-        firsts[first] += 1
-        named, right = named + is_named, right + is_right
-        texts = "; ".join(f"{s.text} ({s.cost:.3f})" for s in found.suspects)
-        print(f"{planted.name}, seed {seed}: {texts or 'nothing'}", file=sys.stderr, flush=True)
-    often = ", ".join(f"{cause} {count}" for cause, count in firsts.most_common())
-    return (
-        f"| {planted.name} | {named} of {seeds} | {right} of {seeds} | {often} | "
-        f"{spent_s / seeds:.1f} |"
-    )
+def _errors_off(faults: Iterable[Fault], row: Row) -> Iterator[float]:
+    """By how many of the stated errors the amounts that were named are wrong."""
+    for fault in faults:
+        for suspect in _suspects(row):
+            if fault.is_named(suspect) and suspect.error:
+                yield abs(fault.excess(suspect) - fault.planted) / suspect.error
+
+
+def misses(rows: Iterable[Row]) -> Iterator[str]:
+    """Each session in which something else was named, or by another amount."""
+    for row in rows:
+        planted = BY_NAME[row["planted"]]
+        named, right = verdict(planted, row)
+        if not right:
+            texts = "; ".join(f"{s['text']} ({s['cost']:.3f})" for s in row["suspects"])
+            wanted = ", ".join(
+                f"{f.kind} {f.sensor} {f.amount:.3f}" for f in planted.faults(row["seed"])
+            )
+            what = "amount" if named else "name"
+            yield f"{what}: {wanted or 'none'}, seed {row['seed']}: {texts or 'nothing'}"
 
 
 if __name__ == "__main__":

@@ -15,10 +15,10 @@ from mapping.config import load_config
 from mapping.diagnosis.case import Case, case_of
 from mapping.diagnosis.causes.headings import Drift, Headings
 from mapping.diagnosis.causes.mount import Mount
+from mapping.diagnosis.fitting import fit
 from mapping.diagnosis.hypothesis import Hypothesis, Session, drift_of_poses, heading_of_poses
-from mapping.diagnosis.patches import fit
 from mapping.diagnosis.pose_quality import travel
-from mapping.diagnosis.search import search
+from mapping.diagnosis.search import Found, search
 from mapping.motion_gathering import LiveMotion
 from mapping.placed_session import place_session
 from mapping.tracks import Motions, MotionTrack
@@ -57,7 +57,7 @@ def test_headings_of_one_thin_beam_are_named_where_the_travel_agrees() -> None:
     hypothesis, taken = search(tried, candidates)
     assert math.degrees(hypothesis.heading_rad) == pytest.approx(-6.0, abs=1.0)
     number = heading_of_poses()
-    found = next(each for each in taken if number in each.candidate.numbers)
+    found = next(each for each in taken if each.number == number)
     suspect = Headings().explained(tried, number, found, hypothesis)
     assert suspect is not None
     assert "too far to the left" in suspect.text
@@ -85,17 +85,15 @@ def test_walls_tell_how_fast_poses_drift(key: str, total: float) -> None:
 def test_drift_is_named_by_the_minute_and_taken_off() -> None:
     tried = case()
     hypothesis = Hypothesis(x_mps=-0.03 / 60.0, y_mps=0.04 / 60.0)
-    (_, places) = Drift().candidates(tried)
-    found = type("Found", (), {})  # what `explained` reads of it
-    judged = tried.score(hypothesis)
-    found.candidate, found.errors = places, (1e-5, 1e-5)
-    found.gain = judged.gain_over(tried.score(Hypothesis()))
-    suspect = Drift().explained(tried, places.numbers[0], found, hypothesis)  # type: ignore[arg-type]
+    _, x, y = (each.numbers[0] for each in Drift().candidates(tried))
+    gain = tried.score(hypothesis).gain_over(tried.score(Hypothesis()))
+    found = Found(x, hypothesis, 1e-5, gain)
+    suspect = Drift().explained(tried, x, found, hypothesis)
     assert suspect is not None
     assert suspect.text.startswith("the places drift by 5 +- ")
     assert suspect.text.endswith("a minute towards -53 degrees")
     assert suspect.settings == {"pose": {"drift_per_min": [0.03, -0.04, 0.0]}}
-    assert Drift().explained(tried, places.numbers[1], found, hypothesis) is None  # type: ignore[arg-type]
+    assert Drift().explained(tried, y, found, hypothesis) is None
 
 
 @settings(max_examples=20, deadline=None)

@@ -80,6 +80,11 @@ class Case:
         names = [each.name for each in self.readings.sensors]
         return np.flatnonzero(self.readings.sensor == names.index(sensor))
 
+    def is_scan(self, sensor: str) -> bool:
+        """Whether a sensor has many beams at a time."""
+        rows = self.rows_of(sensor)
+        return bool(len(rows)) and bool(np.diff(self.readings.begins)[rows].max() > 1)
+
     def beams(self, sensors: Sequence[str]) -> ThinBeams:
         """The echoes of some sensors."""
         return ThinBeams(self.session, sensors, self.block)

@@ -14,6 +14,7 @@ from mapping.diagnosis.causes.interface import Evidence, Suspect
 from mapping.diagnosis.causes.silence import stuck_readings
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.diagnosis.patches import NO_FAULT
+from mapping.diagnosis.pose_quality import relocations
 from mapping.diagnosis.search import Found, search
 from mapping.placed_session import HasBlocks, PlacedSession, place_session
 from mapping.scoring.held_out import Gain
@@ -62,14 +63,13 @@ def diagnose(
     if stuck:
         case = case_of(placed, config, without=stuck, threads=threads)
     candidates = [each for cause in CAUSES for each in cause.candidates(case)]
-    tried = _Counter(progress, 2 * len(candidates))
+    tried = _Counter(progress, len(candidates) + 1)
     hypothesis, taken = NO_FAULT, list[Found]()
     if case.thin:
         hypothesis, taken = search(case, candidates, advance=tried)
     for each in taken:
-        for number in each.candidate.numbers:
-            explained = (c.explained(case, number, each, hypothesis) for c in CAUSES)
-            found += [suspect for suspect in explained if suspect is not None]
+        explained = (c.explained(case, each.number, each, hypothesis) for c in CAUSES)
+        found += [suspect for suspect in explained if suspect is not None]
     walls = bool(case.thin) and not case.rough
     looking = [cause for cause in CAUSES if walls or not cause.needs_walls]
     found += [s for cause in looking for s in cause.examine(case, hypothesis)]
@@ -100,7 +100,14 @@ def worst_line(placed: PlacedSession, config: MappingConfig) -> str:
 
 
 def _notes(case: Case) -> tuple[str, ...]:
-    notes = list(case.placed.notes)
+    notes, track = list(case.placed.notes), case.placed.placement.track
+    if len(moved := relocations(track, case.config.pose.max_gap_s)):
+        first_s = (int(track.t_ns[moved[0]]) - case.start_ns) * 1e-9
+        times = "once" if len(moved) == 1 else f"{len(moved)} times"
+        notes.append(
+            f"the robot is set down elsewhere {times}, first at {first_s:.1f} s: it was carried, "
+            "or the recording is cut there"
+        )
     if not case.thin:
         notes.append(
             "no sensor with a thin beam: pose time and mounts cannot be told from cones of sound"

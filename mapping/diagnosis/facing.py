@@ -1,9 +1,7 @@
 """Cones of sound against the walls that thin beams have drawn: two sensors on the same walls.
 
-Sound comes back from where a wall is met squarely, so a ping that has a wall before it measures how
-far that wall is, whatever the width of its cone. The residuals tell a bias between the two sensors,
-or a factor, with which they grow; and from how far to either side walls are measured at all tells
-the width of the cone, and where its middle is, how the sensor is turned.
+Sound comes back from where a wall is met squarely. From how far to either side of its axis a sonar
+measures walls at all tells the width of the cone, and where its middle is, how it is turned.
 """
 
 from __future__ import annotations
@@ -21,9 +19,6 @@ from mapping.readings import Readings
 from mapping.tracks import wrapped
 from recorder.columns import Floats, Ints
 
-_BESIDE_M = 0.1  # so far past the end of a wall its echo may come from
-_INSIDE = 0.8  # of the half cone
-_NEAR_M = 0.12
 _LEAST_M = 0.05
 _FEWEST = 80
 _STEEPEST_RAD = math.radians(75.0)
@@ -40,18 +35,6 @@ class Walls:
     high_m: Floats
 
 
-@dataclass(frozen=True, slots=True)
-class Facing:
-    """Cones with a wall before them: how far that is, (N,), and how much more they measured, (N,).
-
-    ``error_m`` is the standard error of the mean residual, whole blocks counted as one draw.
-    """
-
-    distance_m: Floats
-    residual_m: Floats
-    error_m: float
-
-
 def walls_of(case: Case, hypothesis: Hypothesis) -> Walls:
     """The walls that the thin beams draw, if a hypothesis holds."""
     points = case.beams(case.thin).points(hypothesis)
@@ -66,30 +49,6 @@ def walls_of(case: Case, hypothesis: Hypothesis) -> Walls:
         rows.append((*n, offset, across.min(), across.max()))
     table = np.array(rows, np.float64).reshape(-1, 5)
     return Walls(table[:, :2], table[:, 2], table[:, 3], table[:, 4])
-
-
-def facing(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) -> Facing | None:
-    """The residuals of one sensor's cones; None where too few have a wall before them."""
-    readings = case.session.under(hypothesis)
-    rows = case.rows_of(sensor)
-    rows = rows[np.isfinite(readings.ranges_m[readings.begins[rows]])]
-    if not len(walls.offset_m) or len(rows) < _FEWEST:
-        return None
-    view = _view(readings, rows, walls)
-    names = [each.name for each in readings.sensors]
-    half = 0.5 * readings.sensors[names.index(sensor)].beam_width_rad
-    seen = (view.away_m > _LEAST_M) & (np.abs(view.angle_rad) < _INSIDE * half)
-    seen &= (view.across_m > walls.low_m - _BESIDE_M) & (view.across_m < walls.high_m + _BESIDE_M)
-    distance_m = np.where(seen, view.away_m, np.inf).min(axis=1)
-    with np.errstate(invalid="ignore"):
-        residual_m = view.measured_m - distance_m
-        near = np.isfinite(distance_m) & (np.abs(residual_m) < _NEAR_M)
-    if near.sum() < _FEWEST:
-        return None
-    residual_m, block = residual_m[near], case.block[rows[near]]
-    left = residual_m - residual_m.mean()
-    sums = np.bincount(block, weights=left, minlength=case.blocks)
-    return Facing(distance_m[near], residual_m, float(np.sqrt(np.square(sums).sum()) / len(left)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,71 +80,82 @@ class Acceptance:
     """How often a wall is measured, by how far to the left of the axis the robot has it square.
 
     ``angle_rad`` (B,) are the middles of bins, ``share`` (B,) how often (NaN: never there), and
-    ``right_rad``, ``left_rad`` where it falls below a half. A cone of half width w receives walls
-    up to about w and :data:`RETURNED_RAD` to either side, for a wall returns sound that meets it
-    nearly square.
+    ``fitted`` (B,) the likeliest curve: even between two edges, ``yaw_rad`` the middle of them and
+    ``edge_rad`` how far from it they are. A cone of half width w receives walls up to about w and
+    :data:`RETURNED_RAD` to either side, for a wall returns sound that meets it nearly square.
     """
 
     angle_rad: Floats
     share: Floats
-    right_rad: float
-    left_rad: float
-
-    @property
-    def yaw_rad(self) -> float:
-        """The middle: how far the sensor is turned to the left."""
-        return 0.5 * (self.left_rad + self.right_rad)
+    fitted: Floats
+    yaw_rad: float
+    edge_rad: float
 
     @property
     def half_width_rad(self) -> float:
         """Half the cone that explains it."""
-        return (0.5 * (self.left_rad - self.right_rad) - RETURNED_RAD) / _LOUD
+        return self.edge_rad - RETURNED_RAD
 
 
-RETURNED_RAD = math.radians(20.0)
-_LOUD = 0.82  # of the half cone: beyond that hardly any echo is loud enough
-_BIN_RAD = math.radians(4.0)
+RETURNED_RAD = math.radians(12.5)  # beyond the cone, by the tolerance of ranges
+_NEAR_M, _NEAR = 0.012, 0.012
+_BIN_RAD = math.radians(2.0)
 _WIDEST_RAD = math.radians(76.0)
 _FEWEST_IN_BIN = 12
+_YAWS_RAD = np.radians(np.arange(-20.0, 20.5, 0.5))
+_EDGES_RAD = np.radians(np.arange(8.0, 71.0, 1.0))
+_SLOPES_RAD = np.radians([1.5, 3.0, 5.0])
+_CHANCES = (0.02, 0.08, 0.15, 0.25, 0.35)  # that a wall is as far as what was measured by accident
 
 
 def acceptance(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) -> Acceptance | None:
-    """From all pairs of a ping and a wall that it could have met; None where edges are not seen."""
+    """From all pairs of a ping and a wall that it could have met; None where there are too few."""
     readings = case.session.under(hypothesis)
     rows = case.rows_of(sensor)
     if not len(walls.offset_m) or len(rows) < _FEWEST:
         return None
     view = _view(readings, rows, walls)
     measured_m, away_m, angle = view.measured_m[:, None], view.away_m, view.angle_rad
-    near_m = np.maximum(0.04, 0.03 * away_m)
+    near_m = _NEAR_M + _NEAR * away_m  # so that walls met aslant do not count
     there = (away_m > _LEAST_M) & (np.abs(angle) < _WIDEST_RAD)
     there &= (view.across_m > walls.low_m) & (view.across_m < walls.high_m)
     there &= ~(measured_m < away_m - near_m)  # something nearer came first
     met = np.abs(measured_m - away_m) < near_m
     edges = np.arange(-_WIDEST_RAD, _WIDEST_RAD + _BIN_RAD / 2, _BIN_RAD)
-    of = np.digitize(angle[there], edges) - 1
-    count = np.bincount(of, minlength=len(edges))[: len(edges) - 1]
-    hits = np.bincount(of, weights=met[there].astype(np.float64), minlength=len(edges))
+    of, bins = np.digitize(angle[there], edges) - 1, len(edges) - 1
+    count = np.bincount(of, minlength=bins)[:bins].astype(np.float64)
+    hits = np.bincount(of[met[there]], minlength=bins)[:bins].astype(np.float64)
+    if count.sum() < _FEWEST * 3:
+        return None
     middle = edges[:-1] + _BIN_RAD / 2
-    share = np.where(count >= _FEWEST_IN_BIN, hits[: len(middle)] / np.maximum(count, 1), np.nan)
-    right, left = (_falls(sign * middle[::sign], share[::sign]) for sign in (-1, 1))
-    if right is None or left is None:
+    share = np.where(count >= _FEWEST_IN_BIN, hits / np.maximum(count, 1.0), np.nan)
+    yaw_rad, edge_rad, fitted = likeliest_edges(middle, hits, count)
+    if not _EDGES_RAD[0] < edge_rad < _EDGES_RAD[-1]:
         return None
-    return Acceptance(middle, share, -right, left)
+    return Acceptance(middle, share, fitted, yaw_rad, edge_rad)
 
 
-def _falls(angle_rad: Floats, share: Floats) -> float | None:
-    """Where the share falls below a half for the first two bins in a row, going outwards."""
-    known = np.isfinite(share) & (angle_rad > 0.0)
-    angle_rad, share = angle_rad[known], share[known]
-    low = share < 0.5
-    both = np.flatnonzero(low[:-1] & low[1:])
-    if not len(both) or both[0] == 0:
-        return None
-    at = int(both[0])
-    above, below = share[at - 1], share[at]
-    part = (above - 0.5) / max(above - below, 1e-9)
-    return float(angle_rad[at - 1] + part * (angle_rad[at] - angle_rad[at - 1]))
+def likeliest_edges(angle_rad: Floats, hits: Floats, count: Floats) -> tuple[float, float, Floats]:
+    """The middle and half the distance of two edges between which a share is high, and the curve.
+
+    The best of a grid by the binomial likelihood of ``hits`` of ``count`` (B,): the edges are
+    logistic, the share beyond them is chance, and between them what fits best.
+    """
+    best, found = -math.inf, (0.0, 0.0, np.zeros(len(angle_rad)))
+    for slope_rad in _SLOPES_RAD:
+        off = angle_rad[None, None, :] - _YAWS_RAD[:, None, None]
+        off = np.minimum(off + _EDGES_RAD[None, :, None], _EDGES_RAD[None, :, None] - off)
+        inside = 1.0 / (1.0 + np.exp(np.clip(-off / slope_rad, -40.0, 40.0)))
+        mass = np.maximum(np.square(inside) @ count, 1e-9)
+        for chance in _CHANCES:
+            more = np.clip(inside @ (hits - chance * count) / mass, 0.1, 0.98 - chance)
+            share = np.clip(chance + more[..., None] * inside, 0.01, 0.99)
+            likelihood = np.log(share) @ hits + np.log(1.0 - share) @ (count - hits)
+            at = np.unravel_index(int(np.argmax(likelihood)), likelihood.shape)
+            if likelihood[at] > best:
+                best = float(likelihood[at])
+                found = float(_YAWS_RAD[at[0]]), float(_EDGES_RAD[at[1]]), share[at]
+    return found
 
 
 @dataclass(frozen=True, slots=True)

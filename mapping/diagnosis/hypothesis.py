@@ -101,12 +101,12 @@ def y_of(sensor: str) -> Number:
 
 def bias_of(sensor: str) -> Number:
     """How much too long all ranges are, metres."""
-    return Number("bias_m", sensor, 0.002, 0.05, 0.15, 0.006)
+    return Number("bias_m", sensor, 0.002, 0.015, 0.06, 0.006)
 
 
-def scale_of(sensor: str) -> Number:
+def scale_of(sensor: str, least: float = 0.008) -> Number:
     """How many times too long the ranges are."""
-    return Number("scale", sensor, 0.005, 0.05, 0.12, 0.008)
+    return Number("scale", sensor, 0.005, 0.03, 0.12, least)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ NOISY_RAD = math.radians(4.0)
 FEWEST_JUMPS = 3
 _JUMP_MPS, _JUMP_RADPS = 3.0, 12.0
 _LEAST_JUMP_M, _LEAST_JUMP_RAD = 0.15, 0.5
+_AWAY_S, _USUAL_MPS = 5.0, 0.5  # a tracker that errs comes back within so long
 _FEWEST = 20
 _STRIDE_S, _STRIDE_M, _STRAIGHT_RAD = 1.0, 0.05, math.radians(8.0)
 
@@ -26,7 +27,29 @@ def steps_of(track: MotionTrack) -> tuple[Floats, Floats, Floats]:
 
 
 def jumps(track: MotionTrack, max_gap_s: float) -> Ints:
-    """Steps between neighbours that no small robot can make: which of them, (J,)."""
+    """Steps between neighbours that no small robot can make: which of them, (J,).
+
+    Not those after which it stays elsewhere: it was carried, or the recording is cut.
+    """
+    return np.setdiff1d(_steps_too_large(track, max_gap_s), relocations(track, max_gap_s))
+
+
+def relocations(track: MotionTrack, max_gap_s: float) -> Ints:
+    """Steps to elsewhere from which it does not come back soon, nor has come from there, (R,)."""
+    at = _steps_too_large(track, max_gap_s)
+    _, way, _ = steps_of(track)
+    x_m, y_m, t_s = track.motions.x_m, track.motions.y_m, track.t_ns * 1e-9
+    returns = np.zeros(len(at), np.bool_)
+    for k, first in enumerate(at.tolist()):
+        later = at[(at > first) & (t_s[at] < t_s[first] + _AWAY_S)]
+        left_m = np.hypot(x_m[later + 1] - x_m[first], y_m[later + 1] - y_m[first])
+        back = later[left_m < _LEAST_JUMP_M + _USUAL_MPS * (t_s[later + 1] - t_s[first])]
+        returns[k] |= len(back) > 0
+        returns |= np.isin(at, back)
+    return at[~returns & (way[at] > _LEAST_JUMP_M)]
+
+
+def _steps_too_large(track: MotionTrack, max_gap_s: float) -> Ints:
     dt, way, turn = steps_of(track)
     leaps = way > np.maximum(_LEAST_JUMP_M, _JUMP_MPS * dt)
     flips = turn > np.maximum(_LEAST_JUMP_RAD, _JUMP_RADPS * dt)

@@ -11,12 +11,12 @@ from mapping.diagnosis.causes.mirrors import Mirrors
 from mapping.diagnosis.causes.mount import Mount
 from mapping.diagnosis.causes.pose_time import PoseTime
 from mapping.diagnosis.causes.poses import Poses
-from mapping.diagnosis.causes.ranges import RangeScale
+from mapping.diagnosis.causes.ranges import Ranges
 from mapping.diagnosis.causes.silence import Silence
 from mapping.diagnosis.causes.smoothing import Smoothing
 from mapping.diagnosis.causes.wrong_echoes import WrongEchoes
 
 CAUSES: tuple[Cause, ...] = (
-    Channels(), Silence(), Poses(), PoseTime(), Headings(), Drift(), Mount(), RangeScale(), Cones(),
+    Channels(), Silence(), Poses(), PoseTime(), Headings(), Drift(), Mount(), Ranges(), Cones(),
     CrossTalk(), Mirrors(), Smoothing(), WrongEchoes(),
 )  # fmt: skip

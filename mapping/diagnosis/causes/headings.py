@@ -10,19 +10,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-import numpy as np
-
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.interface import Cause, Settings, Suspect, how_sure, profile
+from mapping.diagnosis.fitting import fit
 from mapping.diagnosis.hypothesis import (
     Hypothesis,
     Number,
     drift_of_poses,
     heading_of_poses,
     offset_of_poses,
+    y_of,
     yaw_of,
 )
-from mapping.diagnosis.patches import fit
 from mapping.diagnosis.pose_quality import Travel, travel
 from mapping.diagnosis.search import Candidate, Found
 
@@ -45,15 +44,15 @@ class Headings(Cause):
     def candidates(self, case: Case) -> Iterator[Candidate]:
         """Alone; of one thin beam only if the travel agrees, and then with the time of the poses
         as well, as mounts are."""
-        mine = (self.name, "")
         if len(case.thin) > 1:
-            yield Candidate((mine,), (heading_of_poses(),), (_COARSE_RAD,))
+            yield Candidate((heading_of_poses(),), (_COARSE_RAD,))
         if len(case.thin) != 1 or not _travel_agrees(case):
             return
-        instead = (yaw_of(case.thin[0]),)
-        yield Candidate((mine,), (heading_of_poses(),), (_COARSE_RAD,), instead_of=instead)
+        # Where all walls are as far away a turn and a shift of the beam look alike, too.
+        instead = (yaw_of(case.thin[0]), y_of(case.thin[0]))
+        yield Candidate((heading_of_poses(),), (_COARSE_RAD,), instead_of=instead)
         yield Candidate(
-            (("pose-time", ""), mine), (offset_of_poses(), heading_of_poses()),
+            (offset_of_poses(), heading_of_poses()),
             (_PAIR_S, _PAIR_RAD), instead_of=instead,
         )  # fmt: skip
 
@@ -69,7 +68,7 @@ class Headings(Cause):
         if number.key != "heading_rad":
             return None
         value = hypothesis.heading_rad
-        error = found.errors[found.candidate.numbers.index(number)]
+        error = found.error
         errors = abs(value) / error if error > 0 else math.nan
         known = f" +- {math.degrees(error):.2g}" if error > 0 else ""
         side = "left" if value < 0 else "right"
@@ -133,11 +132,9 @@ class Drift(Cause):
         """Headings; and places, along x and y."""
         lasted_s = _lasted_s(case)
         coarse = tuple(total / lasted_s for total in _TOTALS_RAD)
-        yield Candidate(
-            ((self.name, "headings"),), (drift_of_poses("heading_radps", lasted_s),), (coarse,)
-        )
-        places = tuple(drift_of_poses(key, lasted_s) for key in ("x_mps", "y_mps"))
-        yield Candidate(((self.name, "places"),) * 2, places, any_plain=True)
+        yield Candidate((drift_of_poses("heading_radps", lasted_s),), (coarse,))
+        for key in ("x_mps", "y_mps"):
+            yield Candidate((drift_of_poses(key, lasted_s),))
 
     def settings(self, case: Case, hypothesis: Hypothesis, subject: str) -> Settings:
         """What is set already, and more."""
@@ -151,38 +148,30 @@ class Drift(Cause):
         self, case: Case, number: Number, found: Found, hypothesis: Hypothesis
     ) -> Suspect | None:
         """How fast, and how far over the whole session."""
-        if number.key not in ("heading_radps", "x_mps", "y_mps"):
-            return None
-        numbers = found.candidate.numbers
-        if number != numbers[0]:
+        x, y = hypothesis.x_mps, hypothesis.y_mps
+        if number.key not in ("heading_radps", "x_mps", "y_mps") or (number.key == "y_mps" and x):
             return None  # x and y are one drift
-        rate = -np.array([hypothesis.number(each) for each in numbers])
-        error = np.array(found.errors)
         if number.key == "heading_radps":
-            what, unit, times = "headings", "degrees", math.degrees(60.0)
-            way = "to the left" if rate[0] > 0 else "to the right"
+            what, unit, times, widest = "headings", "degrees", math.degrees(60.0), math.radians(40)
+            rate = -hypothesis.heading_radps
+            size, way = abs(rate), "to the left" if rate > 0 else "to the right"
         else:
-            what, unit, times = "places", "cm", 6000.0
-            x, y = hypothesis.x_mps, hypothesis.y_mps
+            what, unit, times, widest = "places", "cm", 6000.0, 1.0
+            rate, size = -(x or y), math.hypot(x, y)
             way = f"towards {math.degrees(math.atan2(-y, -x)):.0f} degrees"
-        size, sigma = float(np.linalg.norm(rate)), float(np.linalg.norm(error))
-        total = times / 60.0 * size * _lasted_s(case)
-        scale = (
-            _SHOWN_TOTALS
-            if number.key != "heading_radps"
-            else np.radians(40) * np.array(_SHOWN_TOTALS)
-        )
-        shown = [each / _lasted_s(case) for each in scale]
-        known = f" +- {times * sigma:.2g}" if sigma > 0 else ""
+        error, lasted_s = found.error, _lasted_s(case)
+        known = f" +- {times * error:.2g}" if error > 0 else ""
         return Suspect(
             self.name, what,
             f"the {what} drift by {times * size:.2g}{known} {unit} a minute {way}",
-            (f"the same wall lies elsewhere the later it is seen; {total:.2g} {unit} over the "
-             "whole session",),
-            found.gain.mean, how_sure(found.gain, size / sigma if sigma > 0 else math.nan),
-            self.settings(case, hypothesis, ""), value=float(rate[0]),
+            (f"the same wall lies elsewhere the later it is seen; "
+             f"{times / 60.0 * size * lasted_s:.2g} {unit} over the whole session",),
+            found.gain.mean, how_sure(found.gain, size / error if error > 0 else math.nan),
+            self.settings(case, hypothesis, ""), value=rate,
             unit="rad/s" if number.key == "heading_radps" else "m/s", gain=found.gain,
-            plots=(profile(case, number, hypothesis, shown),),
+            error=error if error > 0 else None,
+            plots=(profile(case, number, hypothesis,
+                           [widest * each / lasted_s for each in _SHOWN_TOTALS]),),
         )  # fmt: skip
 
 

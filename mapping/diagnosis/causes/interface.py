@@ -39,8 +39,9 @@ class Suspect:
     """What a map is probably bad for.
 
     ``cost`` puts suspects in order: what they cost in log-likelihood a reading, about. ``value``
-    and ``unit`` are the amount, where there is one. ``settings`` mend it; None: no setting does,
-    and ``advice`` tells what does. ``seconds`` are stretches of the session that show it.
+    and ``unit`` are the amount, where there is one, ``error`` its standard error.
+    ``settings`` mend it; None: no setting does, and ``advice`` tells what does. ``seconds`` are
+    stretches of the session that show it.
     """
 
     cause: str
@@ -53,6 +54,7 @@ class Suspect:
     advice: str = ""
     value: float | None = None
     unit: str = ""
+    error: float | None = None
     gain: Gain | None = None
     seconds: tuple[tuple[float, float], ...] = ()
     plots: tuple[Plot, ...] = ()

@@ -10,7 +10,7 @@ from mapping.diagnosis.causes.interface import Cause, Settings, Suspect, how_sur
 from mapping.diagnosis.hypothesis import Hypothesis, Number, offset_of_poses
 from mapping.diagnosis.search import Candidate, Found
 
-COARSE_S = (-0.3, -0.2, -0.1, -0.05, 0.05, 0.1, 0.2, 0.3)
+_COARSE_S = (-0.3, -0.2, -0.1, 0.1, 0.2, 0.3)
 _SHOWN_S = (-0.3, -0.2, -0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15, 0.2, 0.3)
 
 
@@ -21,7 +21,7 @@ class PoseTime(Cause):
 
     def candidates(self, case: Case) -> Iterator[Candidate]:
         """Alone."""
-        yield Candidate(((self.name, ""),), (offset_of_poses(),), (COARSE_S,))
+        yield Candidate((offset_of_poses(),), (_COARSE_S,))
 
     def settings(self, case: Case, hypothesis: Hypothesis, subject: str) -> Settings:
         """What is set already, and more."""
@@ -35,7 +35,7 @@ class PoseTime(Cause):
         if number.key != "offset_s":
             return None
         offset_s = hypothesis.offset_s
-        error_s = found.errors[found.candidate.numbers.index(number)]
+        error_s = found.error
         errors = abs(offset_s) / error_s if error_s > 0 else math.nan
         late = "late" if offset_s < 0 else "early"
         known = f" +- {1e3 * error_s:.0f}" if error_s > 0 else ""
@@ -47,5 +47,6 @@ class PoseTime(Cause):
             ),
             found.gain.mean, how_sure(found.gain, errors),
             self.settings(case, hypothesis, ""), value=offset_s, unit="s", gain=found.gain,
+            error=error_s if error_s > 0 else None,
             plots=(profile(case, number, hypothesis, _SHOWN_S),),
         )  # fmt: skip

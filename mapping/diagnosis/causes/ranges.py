@@ -1,28 +1,33 @@
-"""Ranges that are too long or too short by a factor: the same wall, seen from near and from far."""
+"""Ranges too long or too short by a factor, or all by as much: walls seen from near and far."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 
 import numpy as np
 
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect, how_sure
-from mapping.diagnosis.hypothesis import Hypothesis, Number, scale_of
+from mapping.diagnosis.hypothesis import Hypothesis, Number, bias_of, scale_of
 from mapping.diagnosis.patches import find_patches
 from mapping.diagnosis.search import Candidate, Found
 
+_LEAST_OF_CONES = 0.016
 
-class RangeScale(Cause):
-    """A factor for each thin beam: ``sensors.NAME.range_scale``."""
+
+class Ranges(Cause):
+    """A factor and a bias for each sensor: ``sensors.NAME.range_scale``, ``range_bias_m``."""
 
     name, title = "range", "a sensor reads long or short"
 
     def candidates(self, case: Case) -> Iterator[Candidate]:
-        """The score does not see it: a world drawn smaller is nearly as consistent."""
+        """The score does not see them: a world drawn smaller is nearly as consistent."""
         for sensor in case.thin:
-            yield Candidate(((self.name, sensor),), (scale_of(sensor),), by_score=False)
+            yield Candidate((scale_of(sensor),), by_score=False)
+            yield Candidate((bias_of(sensor),), by_score=False)
+        for sensor in case.wide:  # corners and what else is in a cone feign a percent or so
+            yield Candidate((scale_of(sensor, _LEAST_OF_CONES),), by_score=False)
+            yield Candidate((bias_of(sensor),), by_score=False)
 
     def settings(self, case: Case, hypothesis: Hypothesis, subject: str) -> Settings:
         """The factor, on top of what is configured."""
@@ -40,19 +45,28 @@ class RangeScale(Cause):
         self, case: Case, number: Number, found: Found, hypothesis: Hypothesis
     ) -> Suspect | None:
         """By how much, and the residuals against the range."""
-        if number.sensor is None or number.key != "scale":
+        if number.sensor is None or number.key not in ("scale", "bias_m"):
             return None
-        sensor, excess = number.sensor, hypothesis.number(number) - 1.0
-        error = found.errors[found.candidate.numbers.index(number)]
-        errors = abs(excess) / error if error > 0 else math.nan
+        sensor, excess = number.sensor, hypothesis.number(number) - number.neutral
+        unit, times = ("%", 100.0) if number.key == "scale" else ("cm", 100.0)
         way = "long" if excess > 0 else "short"
+        evidence = ["the same wall lies nearer when it is seen from afar, or farther"]
+        if number.key == "bias_m":
+            evidence = [
+                "walls lie too near or too far by as much from everywhere",
+                "a sensor that sits farther ahead shows the same, and so does a bias of the other "
+                "sensor, the other way: the one that explains the readings better is named",
+            ]
+        if sensor in case.wide or (case.wide and number.key == "bias_m"):
+            evidence.append("seen where cones and thin beams measure the same piece of wall")
         return Suspect(
             self.name, sensor,
-            f"{sensor} reads {100 * abs(excess):.1f} +- {100 * error:.1f} % {way}",
-            ("the same wall lies nearer when it is seen from afar, or farther",),
-            max(found.gain.mean, 0.1 * abs(excess)), how_sure(None, errors),
-            self.settings(case, hypothesis, sensor), value=hypothesis.number(number), unit="times",
-            gain=found.gain, plots=(_residuals(case, sensor, hypothesis, number),),
+            f"{sensor} reads {times * abs(excess):.1f} +- {times * found.error:.1f} {unit} {way}",
+            tuple(evidence), max(found.gain.mean, 0.1 * abs(excess) / number.usual * 0.05),
+            how_sure(None, abs(excess) / found.error), self.settings(case, hypothesis, sensor),
+            value=hypothesis.number(number), unit="times" if number.key == "scale" else "m",
+            error=found.error, gain=found.gain,
+            plots=(_residuals(case, sensor, hypothesis, number),) if sensor in case.thin else (),
         )  # fmt: skip
 
 

@@ -1,0 +1,57 @@
+"""Which of the numbers that were fitted together a session needs: the fewest that explain it.
+
+Numbers feign each other: a turned mount and late poses, a bias of one sensor and a factor of the
+other. Fitted together, each with the rest free, they are unsure; but their covariance tells what
+would be left if some were nothing (Wald's statistic). Each number that is freed costs as much as
+it takes to be sure of it, so of explanations that fit alike the one with fewer numbers is taken.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
+
+import numpy as np
+
+from mapping.diagnosis.fitting import Fit
+from mapping.diagnosis.hypothesis import Number
+from recorder.columns import Floats
+
+PRICE = 20.0  # of a number, in Wald's statistic: about 4.5 standard errors
+_SLACK = 0.25  # of what is worth a word: so much no number has to explain
+_MOST_TRIED = 3  # numbers at a time; more are added one by one
+
+
+def needed(found: Fit, most: int, known: Sequence[Number] = ()) -> tuple[Number, ...]:
+    """The numbers that explain a fit best, at most so many; ``known`` are among them."""
+    numbers, away = found.numbers, found.away
+    slack = np.square([_SLACK * each.least for each in numbers])
+    covariance = found.covariance + np.diag(slack)
+    kept = [numbers.index(each) for each in known]
+    others = [at for at in range(len(numbers)) if at not in kept]
+
+    def cost(more: Sequence[int]) -> float:
+        free = [*kept, *more]
+        return left(away, covariance, free) + PRICE * len(free)
+
+    room = max(most - len(kept), 0)
+    tried = [
+        each
+        for count in range(min(room, _MOST_TRIED) + 1)
+        for each in itertools.combinations(others, count)
+    ]
+    best = min(tried, key=cost)
+    while len(best) < room:
+        more = min(((*best, each) for each in others if each not in best), key=cost, default=best)
+        if cost(more) >= cost(best):
+            break
+        best = more
+    return tuple(numbers[at] for at in sorted([*kept, *best]))
+
+
+def left(away: Floats, covariance: Floats, free: Sequence[int]) -> float:
+    """Wald's statistic of what is not free being nothing."""
+    rest = [at for at in range(len(away)) if at not in free]
+    if not rest:
+        return 0.0
+    return float(away[rest] @ np.linalg.solve(covariance[np.ix_(rest, rest)], away[rest]))

@@ -1,0 +1,103 @@
+"""How far the points of walls move away from them with each number of a hypothesis.
+
+Slopes are those of the expected ranges: the error of a measured one is in the residual as well, and
+would pretend that shorter ranges fit better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mapping.diagnosis.hypothesis import Hypothesis, Number, Session
+from mapping.readings import Readings
+from recorder.columns import Floats, Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Met:
+    """K beams that meet walls: ``row`` counts readings, ``axis`` all axes of the session.
+
+    ``normal`` (K, 2) of the wall, away from the sensor; ``way`` (K, 2) along the beam, of a cone
+    along the normal, whichever way it looks; ``range_m`` (K,) at which the wall is met.
+    """
+
+    row: Ints
+    axis: Ints
+    normal: Floats
+    way: Floats
+    range_m: Floats
+    is_cone: bool = False
+
+
+def slopes(
+    session: Session, at: Hypothesis, numbers: Sequence[Number], readings: Readings, met: Met
+) -> Floats:
+    """(K, P), metres along the normal for a unit of each number; ``readings`` are those of ``at``.
+
+    Of mounts and ranges in closed form, of all else by differences.
+    """
+    columns = []
+    for number in numbers:
+        if number.sensor is None or number.key not in _CLOSED:
+            columns.append(differences(session, at, number, readings, met))
+            continue
+        names = [each.name for each in readings.sensors]
+        mine = readings.sensor[met.row] == names.index(number.sensor)
+        columns.append(np.where(mine, _closed(session, at, number, readings, met), 0.0))
+    return np.column_stack(columns) if columns else np.empty((len(met.row), 0))
+
+
+_CLOSED = ("x_m", "y_m", "yaw_rad", "scale", "bias_m")
+
+
+def _closed(
+    session: Session, at: Hypothesis, number: Number, readings: Readings, met: Met
+) -> Floats:
+    assert number.sensor is not None
+    change, cosine = at.of(number.sensor), (met.way * met.normal).sum(axis=1)
+    match number.key:
+        case "scale":
+            return np.asarray(-met.range_m / change.scale * cosine)
+        case "bias_m":
+            return np.asarray(-cosine / change.scale)
+        case "yaw_rad":
+            across = met.way[:, 0] * met.normal[:, 1] - met.way[:, 1] * met.normal[:, 0]
+            return np.zeros(len(met.row)) if met.is_cone else met.range_m * across
+    mounted_rad = session.mount(number.sensor).heading_rad + change.yaw_rad
+    carrier_rad = readings.world_from_sensor.heading_rad[met.row] - mounted_rad
+    if number.key == "y_m":
+        carrier_rad = carrier_rad + np.pi / 2.0
+    return np.asarray(
+        np.cos(carrier_rad) * met.normal[:, 0] + np.sin(carrier_rad) * met.normal[:, 1]
+    )
+
+
+def differences(
+    session: Session, at: Hypothesis, number: Number, readings: Readings, met: Met
+) -> Floats:
+    """The slope of one number, (K,), by placing all readings twice."""
+    measured_m = session.readings.ranges_m.copy()
+    names = [each.name for each in readings.sensors]
+    changes = [at.of(name) for name in names]
+    sensor = readings.sensor[met.row]
+    scale, bias_m = (
+        np.array([getattr(c, k) for c in changes])[sensor] for k in ("scale", "bias_m")
+    )
+    measured_m[met.axis] = met.range_m * scale + bias_m
+
+    def along(step: float) -> Floats:
+        placed = session.under(
+            at.with_number(number, at.number(number) + step), measured_m=measured_m
+        )
+        start, way = placed.world_from_sensor, met.normal
+        if not met.is_cone:
+            heading_rad = start.heading_rad[met.row] + placed.bearings_rad[met.axis]
+            way = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
+        at_m = np.column_stack([start.x_m[met.row], start.y_m[met.row]])
+        at_m = at_m + placed.ranges_m[met.axis][:, None] * way
+        return np.asarray((at_m * met.normal).sum(axis=1))
+
+    return (along(number.step) - along(-number.step)) / (2.0 * number.step)
