@@ -17,8 +17,8 @@ from mapping.diagnosis.fitting import Fit
 from mapping.diagnosis.hypothesis import Number
 from recorder.columns import Floats
 
-PRICE = 20.0  # of a number, in Wald's statistic: about 4.5 standard errors
-_SLACK = 0.25  # of what is worth a word: so much no number has to explain
+PRICE = 18.0  # of a number, in Wald's statistic: about 4.2 standard errors
+_SLACK = 0.15  # of what is worth a word: so much no number has to explain
 _MOST_TRIED = 3  # numbers at a time; more are added one by one
 
 
