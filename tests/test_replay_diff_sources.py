@@ -117,7 +117,8 @@ def test_one_of_several_maps_is_named(
     assert main(["simulate", "room", "-o", str(short), "--duration", "3", "--quiet"]) == 0
     compared = ["--compare", "sensors.*.update=bayes,himm", "--set", SETTING]
     assert main(["map", str(short), "-o", str(rules), *compared, "--quiet"]) == 0
-    assert main(["map", str(short), "-o", str(one), "--set", SETTING, "--quiet"]) == 0
+    bayes = ["--set", SETTING, "--set", "sensors.*.update=bayes"]
+    assert main(["map", str(short), "-o", str(one), *bayes, "--quiet"]) == 0
     capsys.readouterr()
     assert main(["diff", str(one), str(rules)]) == 2
     reported = capsys.readouterr().err

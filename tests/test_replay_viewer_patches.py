@@ -43,7 +43,8 @@ def artifacts(tmp_path_factory: pytest.TempPathFactory) -> list[Artifact]:
     session = tmp_path_factory.mktemp("minute") / "room.mcap"
     arguments = ["simulate", "room", "-o", str(session), "--duration", "60", "--seed", "1"]
     assert echogrid.main([*arguments, "--quiet"]) == 0
-    config = load_config(settings=SETTINGS)
+    # Of bayes, by which a reading moves many cells each way.
+    config = load_config(settings=[*SETTINGS, "sensors.*.update=bayes"])
     return list(build_maps(read_session(session).messages(), config))
 
 

@@ -111,11 +111,12 @@ def threshold(answer: Path, folder: Path) -> Iterator[Criterion]:
 
 def two_sensors(answer: Path, folder: Path) -> Iterator[Criterion]:
     """3: weights of the two sensors, for a fused map that is less often wrong."""
-    config = load_config([answer], ["fusion.rule=weights"])
+    chapter = ["fusion.rule=weights", "sensors.*.update=bayes"]
+    config = load_config([answer], chapter)
     yield _only(answer, {"fusion": {"rule", "weights"}})
     loss = _judged(folder, config)["fused"].cells.log_loss
     equal, angular = (
-        _judged(folder, load_config(settings=["fusion.rule=weights", f"fusion.weights={each}"]))[
+        _judged(folder, load_config(settings=[*chapter, f"fusion.weights={each}"]))[
             "fused"
         ].cells.log_loss
         for each in ("equal", "angular")

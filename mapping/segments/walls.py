@@ -89,7 +89,10 @@ def segments_at_walls(
     _report_moves(walls, observe)
     kept = [wall for wall in _standing(walls, sightings, observe)
             if wall.stretch.length_m >= config.min_length_m or wall.fit is None]  # fmt: skip
-    return sorted(_with_corners(kept, config), key=lambda one: -one.length_m)
+    # Two short lines that cross may be cut at their corner until nothing is left of them.
+    lines = [line for line in _with_corners(kept, config)
+             if line.length_m >= 0.5 * config.min_length_m]  # fmt: skip
+    return sorted(lines, key=lambda one: -one.length_m)
 
 
 def _stretch_of(segment: Segment) -> Stretch:

@@ -12,6 +12,7 @@ from typing import Any
 from recorder.errors import BadInput
 from recorder.foreign import read_text, reading
 from recorder.messages import Radiation
+from recorder.names import printable
 
 SHIPPED = Path(__file__).with_name("pooled_weights.toml")
 MEDIUM = {
@@ -48,7 +49,9 @@ def weights_of(name: str) -> Weights:
     path, _, table = name.partition("#")
     if not path.endswith(".toml"):
         media = ", ".join(MEDIUM.values())
-        raise BadInput(f"no weights {name!r}: {media}, or a TOML file are wanted")
+        raise BadInput(
+            f"no weights {printable(name, most=60)!r}: {media}, or a TOML file are wanted"
+        )
     tables = _tables(Path(path))
     if "bias" in tables:
         return _checked(tables, name)

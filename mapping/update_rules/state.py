@@ -269,6 +269,8 @@ class MapState:
         if not unit_gives_probability(self.rule):
             extra["probability"] = probability
         observed = self._observed.copy()
+        if self._has_terms:  # sums may leave a cell undecided, as if it had not been seen
+            observed &= probability != 0.5
         for array in (values, probability, observed):
             read_only(array)
         return Layer(
