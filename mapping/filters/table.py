@@ -36,7 +36,7 @@ FILTERS: dict[str, ReadingFilter] = {
         ),
         ReadingFilter(
             AGREE, 2, "does not agree with the ones before (filter)",
-            "Of the {of} last ones one measured {expected}: they do not agree.",
+            "Just before {sensor} measured {expected}: the last {of} do not agree.",
         ),
         ReadingFilter(
             PREDICTED, 3, "contradicts the map so far (filter)",

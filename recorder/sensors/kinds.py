@@ -82,7 +82,7 @@ class SensorKind:
 
     ``range_error`` is relative, and what the chapter's models take; ``model`` and ``parameters``
     are the sensor model that suits the kind and its numbers by name, which the mapping checks;
-    ``update`` is the update rule that scored best with them.
+    ``update`` is the update rule that suits them (docs/rules.md tells why).
     ``no_echo`` is what a reading without an obstacle does to the map. ``invalid_m`` are ranges
     that stand for "no valid reading". ``mount`` is where the sensor sits unless the session or the
     configuration places it.
