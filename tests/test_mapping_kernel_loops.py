@@ -77,7 +77,7 @@ def test_code_of_another_processor_is_not_loaded(
     stored._machine.cache_clear()
     Loop("mapping.line_kernels.spreading", "distances")(cells)
     here = stored.file_of("mapping.line_kernels.spreading", "distances", kinds)
-    assert stored.load(here) is not None
+    assert here.exists()  # to load it in the process that compiled it would name everything twice
     for name, other in (
         ("get_host_cpu_name", lambda: "cortex-a72"),
         ("get_host_cpu_features", lambda: Features("+neon,-avx2")),

@@ -157,8 +157,10 @@ def _linked(code: bytes, function: str, environment: str, types: list[str]) -> F
     here = sys.modules[__name__]
     known = dynamic.Environment(vars(here))
     known.consts.extend(map(np.dtype, types))
-    place = ctypes.c_void_p.from_address(engine.get_global_value_address(environment))
-    place.value = id(known)
+    at = engine.get_global_value_address(environment)
+    if not at:
+        return None
+    ctypes.c_void_p.from_address(at).value = id(known)
     made: Function = dynamic.make_function(
         here, "loop", function, engine.get_function_address(function), known, (engine, known)
     )
