@@ -58,7 +58,7 @@ def adder_of(rule: UpdateRule, sensors: Sequence[Sensor], number: int) -> str:
     """The name of the kernel for a sensor's readings of one axis; "" where there is none."""
     sensor = sensors[number]
     model = type(SENSOR_MODELS.get(sensor.model))
-    if sensor.rasteriser != "cells" or model not in _MODELS or sensor.clear_to_m is not None:
+    if sensor.rasteriser != "cells" or model not in _MODELS:
         return ""
     if sensor.clear_to_m is not None:  # the kernels know no gap between front and band
         return ""

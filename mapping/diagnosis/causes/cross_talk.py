@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.interface import Cause, Plot, Suspect, how_sure
-from mapping.diagnosis.evaluation import score
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.scoring.held_out import Gain
 from recorder.columns import Floats, Ints
@@ -195,12 +194,6 @@ def _plot(found: Talk) -> Plot:
 def _gain(case: Case, hypothesis: Hypothesis, names: list[str], rows: Ints) -> Gain:
     """How much better the other readings of both are predicted without those."""
     readings = case.session.under(hypothesis)
-    mine = np.isin(np.arange(len(readings)), np.concatenate([case.rows_of(n) for n in names]))
-    kept = mine.copy()
+    kept = np.ones(len(readings), np.bool_)
     kept[rows] = False
-    before, after = (
-        score(readings.chosen(some), case.block[some], case.blocks, case.geometry, together=False,
-              threads=case.threads)
-        for some in (mine, kept)
-    )  # fmt: skip
-    return after.gain_over(before)
+    return case.judged(readings, names, kept).gain_over(case.score(hypothesis, names))

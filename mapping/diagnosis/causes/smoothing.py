@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapping.diagnosis.case import Case
-from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect
+from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect, how_sure
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.smoothing import Noise, smoothed_track
 from mapping.tracks import MotionTrack, wrapped
@@ -49,7 +49,7 @@ class Smoothing(Cause):
             "degrees, and smoothing them helps",
             (f"held against those before and after them{beside}, half of the poses move by more "
              "than that, and the readings agree better",),
-            gain.mean, "almost certain" if gain.low > 0.3 * gain.mean else "likely",
+            gain.mean, how_sure(gain, math.nan),
             settings=_SMOOTH, value=turned_rad, unit="rad", gain=gain,
             plots=(_headings(case, placement.track, track),),
         )  # fmt: skip

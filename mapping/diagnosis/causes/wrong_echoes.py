@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from mapping.config import Sensor
 from mapping.diagnosis.case import Case
-from mapping.diagnosis.causes.interface import Cause, Suspect
+from mapping.diagnosis.causes.interface import Cause, Suspect, how_sure
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.filters import FILTERS, OFF, PREDICTED
 from mapping.placer import Placer
@@ -47,7 +48,7 @@ class WrongEchoes(Cause):
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """The filter by which a sensor's map predicts its kept readings best."""
         for sensor in case.readings.sensors:
-            if sensor.name in (*case.thin, *case.wide) and not _scans(case, sensor.name):
+            if sensor.name in (*case.thin, *case.wide) and not case.is_scan(sensor.name):
                 known = case.placed.sensors[sensor.name]
                 tried = [] if known.filter != OFF else list(_tries(case, hypothesis, known))
                 if tried:
@@ -95,7 +96,7 @@ def _suspect(case: Case, sensor: Sensor, best: _Tried) -> Suspect:
         WrongEchoes.name, sensor.name,
         f"{share:.0%} of the readings of {sensor.name} are wrong alone: {how} leaves them out",
         ("the map of the other readings predicts those that are kept better without them",),
-        best.gain.mean, "almost certain" if best.gain.low > 0.3 * best.gain.mean else "likely",
+        best.gain.mean, how_sure(best.gain, math.nan),
         settings=settings, value=share, unit="share", gain=best.gain,
         seconds=tuple((case.seconds(row), case.seconds(row)) for row in rows[:20].tolist()),
     )  # fmt: skip
@@ -103,8 +104,3 @@ def _suspect(case: Case, sensor: Sensor, best: _Tried) -> Suspect:
 
 def _of(best: _Tried) -> dict[str, int]:
     return {} if best.of == FILTERS[best.filter].of else {"filter_of": best.of}
-
-
-def _scans(case: Case, sensor: str) -> bool:
-    rows = case.rows_of(sensor)
-    return bool((np.diff(case.readings.begins)[rows] > 1).any())

@@ -30,7 +30,7 @@ from replay.pictures.parts import (
     Words,
 )
 from replay.pictures.style import Colour
-from replay.pictures.views import GREY_SWATCHES, beam_marks, grey_pixels
+from replay.pictures.views import GREY_SWATCHES, grey_pixels
 from replay.rrd.pictures import beam_outline
 
 _LEAST_SHADE = 0.12
@@ -155,11 +155,6 @@ def arc_m(beam: Beam, range_m: float, count: int = 61) -> Floats:
 def robot(pose: SE2) -> list[Mark]:
     """The robot at a place."""
     return [RobotMark(pose, style.ROBOT)]
-
-
-def reading_marks(bench: Bench, beam: Beam) -> list[Mark]:
-    """A reading over a map: beam, point and robot."""
-    return [*beam_marks(beam, bench.sensors), *robot(beam.world_from_base)]
 
 
 def dots(bench: Bench, role: Role, points_m: Floats, size_pt: float = 2.6) -> Dots:
