@@ -5,7 +5,7 @@
 Without sessions: the built-in rooms, driven through once each. The walls of a session are attached
 to it, or lie beside it as ``NAME.geojson`` (of ``NAME_A.mcap``, too). Shares of length within 2, 5
 and 10 cm: recall of the walls that the layer's sensors could meet, precision of the lines. "off" is
-the median distance of the lines from their walls, positive on the robot's side, "angle" the median
+the median distance of the lines from their walls, negative on the robot's side, "angle" the median
 over the lines, "lines/wall" how many lines share a wall. The last rows are means over sessions.
 """
 
