@@ -20,6 +20,7 @@ from mapping.tracks import wrapped
 from recorder.columns import Floats, Ints
 
 _LEAST_M = 0.05
+_PIECE_M = 0.4
 _FEWEST = 80
 _STEEPEST_RAD = math.radians(75.0)
 _PAST_M, _PAST = 0.1, 0.05  # so much past a wall, and of its distance besides, is no noise
@@ -38,7 +39,7 @@ class Walls:
 def walls_of(case: Case, hypothesis: Hypothesis) -> Walls:
     """The walls that the thin beams draw, if a hypothesis holds."""
     points = case.beams(case.thin).points(hypothesis)
-    patches = find_patches(points)
+    patches = find_patches(points, size_m=_PIECE_M)  # small: a long one may hold a door
     rows = []
     for number in range(patches.count):
         mine = (patches.patch == number) & (patches.weight > 0)

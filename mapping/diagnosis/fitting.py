@@ -4,12 +4,14 @@ How the points of a patch would move with each number is known, so the numbers f
 squares. Where a patch lies and how it is turned is fitted along (variable projection: Golub and
 Pereyra, 1973), so that nothing needs to be known of the walls. Cones that meet a patch squarely
 (:mod:`mapping.diagnosis.square`) count as points of it: they see the same wall from farther away.
+Two grids are laid over the points, and what follows from each alone tells how much of an answer is
+owed to where its squares lie.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -22,6 +24,8 @@ from recorder.columns import Floats, Ints
 
 _ROUNDS = 12
 _WIDEST = 4.0
+_SHIFTS = (0.0, 0.5)  # of two grids: which pieces a wall falls into is chance, too
+_NARROWEST = 0.5  # times what is assumed: sensors may well be better
 _FEWEST_POINTS = 60
 _KEPT_SHARE = 0.5  # of the points in patches at first: who loses more has left the room
 
@@ -81,23 +85,24 @@ def fit(
     for turn in range(rounds):
         readings = beams.session.under(found)
         points = beams.placed(readings)
-        patches = find_patches(points, shift=0.5 * (turn % 2), wide=wide)
-        used = int((patches.weight > 0).sum())
-        wide = min(max(_width(points, patches), 1.0), wide)
+        grids = [find_patches(points, shift=each, wide=wide) for each in _SHIFTS]
+        used = min(int((patches.weight > 0).sum()) for patches in grids)
         first = first or used
         if used < _FEWEST_POINTS or used < _KEPT_SHARE * first:
             return Fit(start, tuple(numbers), covariance, used, failed=True)
-        squarely = squares(readings, pings, points, patches, wide_cones)
+        wide = min(max(*(_width(points, patches) for patches in grids), _NARROWEST), wide)
+        of_grids = [
+            _equations(beams, found, numbers, readings, points, patches,
+                       squares(readings, pings, points, patches, wide_cones))
+            for patches in grids
+        ]  # fmt: skip
         wide_cones = max(1.0, 0.6 * wide_cones)
-        rows = _equations(beams, found, numbers, readings, points, patches, squarely)
-        system, right, scatter = rows.normal()
         away = np.array([found.number(each) - each.neutral for each in numbers])
-        penalty = np.diag(_alike(system, scatter) / np.square(prior))
-        inverse = np.linalg.inv(system + penalty)
-        step = inverse @ (right - penalty @ away)
+        step, covariance = _step(_Equations.joined(of_grids), away, prior)
+        apart = [_step(each, away, prior)[0] for each in of_grids] - step
         step *= min(1.0, float(np.min(0.5 * most / np.maximum(np.abs(step), 1e-12))))
         step = np.clip(away + step, -most, most) - away
-        covariance = inverse @ (scatter + penalty * _alike(system, scatter)) @ inverse
+        covariance = covariance + apart.T @ apart / len(of_grids)
         for number, more in zip(numbers, step.tolist(), strict=True):
             found = found.with_number(number, found.number(number) + more)
         if turn > 3 and all(
@@ -105,6 +110,18 @@ def fit(
         ):
             break
     return Fit(found, tuple(numbers), covariance, used, wide)
+
+
+def _step(rows: _Equations, away: Floats, prior: Floats) -> tuple[Floats, Floats]:
+    """How much to add to each number (P,), which are ``away`` from nothing, and its covariance."""
+    system, right, scatter = rows.normal()
+    alike = _alike(system, scatter)
+    penalty = np.diag(alike / np.square(prior))
+    inverse = np.linalg.inv(system + penalty)
+    return (
+        inverse @ (right - penalty @ away),
+        inverse @ (scatter + penalty * alike) @ inverse,
+    )
 
 
 def _alike(system: Floats, scatter: Floats) -> float:
@@ -137,6 +154,19 @@ class _Equations:
     patch: Ints
     weight: Floats
     block: Ints
+
+    @classmethod
+    def joined(cls, parts: Sequence[_Equations]) -> _Equations:
+        """Those of several grids, whose patches are not the same."""
+        firsts = np.cumsum([0, *(int(each.patch.max(initial=-1)) + 1 for each in parts)])
+        columns = {
+            each.name: np.concatenate([getattr(part, each.name) for part in parts])
+            for each in fields(cls)
+        }
+        columns["patch"] = np.concatenate(
+            [part.patch + first for part, first in zip(parts, firsts[:-1], strict=True)]
+        )
+        return cls(**columns)
 
     def normal(self) -> tuple[Floats, Floats, Floats]:
         """(P, P), (P,) with what each patch fits for itself projected out; (P, P) their scatter."""

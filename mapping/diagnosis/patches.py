@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from recorder.columns import Floats, Ints
 
 Flags = NDArray[np.bool_]
 
-PATCH_M = 0.4
+PATCH_M = 1.2
 _FEWEST = 8  # points of a patch
 _DIRECTIONS = 36
 _WINDOW_M = 0.03
@@ -34,6 +34,8 @@ _SPREAD_M = 0.008
 _POSE_M, _POSE_RAD = 0.004, math.radians(0.5)  # no pose is better than that
 _MOST_RAD, _GAP_S = math.radians(4.0), 0.5
 _SHORTEST_M = 0.2  # a bent wall is cut in two, and again, until it is that long
+_CORNER, _ALONG = 0.4, 0.05  # sines: of walls that are two, of a beam and a wall that never meet
+_REACHES_M = 0.1  # beyond the points that were seen of it
 _BENT_M, _SURELY = 0.004, 3.0
 MOST_POINTS = 20_000
 NO_FAULT = Hypothesis()
@@ -156,9 +158,11 @@ class _Wall:
         return self.near & first, self.near & ~first
 
 
-def find_patches(points: Points, *, shift: float = 0.0, wide: float = 1.0) -> Patches:
+def find_patches(
+    points: Points, *, shift: float = 0.0, wide: float = 1.0, size_m: float = PATCH_M
+) -> Patches:
     """Lay a grid over the points and find the straightest walls in each of its squares."""
-    cells = np.floor(points.at_m / PATCH_M + shift).astype(np.int64)
+    cells = np.floor(points.at_m / size_m + shift).astype(np.int64)
     _, of = np.unique(cells, axis=0, return_inverse=True)
     of = of.reshape(-1)
     order = np.argsort(of, kind="stable")
@@ -175,7 +179,45 @@ def find_patches(points: Points, *, shift: float = 0.0, wide: float = 1.0) -> Pa
             normal[mine], weight[mine] = wall.normal, wall.weight[wall.near]
             behind_m[mine], spread_m[mine] = wall.behind_m[wall.near], wall.spread_m[wall.near]
             expected_m[mine] = points.range_m[mine] - behind_m[mine] / wall.cosine[wall.near]
-    return Patches(patch, normal, weight, behind_m, expected_m, spread_m)
+    found = Patches(patch, normal, weight, behind_m, expected_m, spread_m)
+    return replace(found, weight=np.where(_in_corners(points, beams, found), 0.0, weight))
+
+
+def _in_corners(points: Points, beams: Floats, patches: Patches) -> Flags:
+    """Points whose beams meet another wall about as far away (K,): they may be of either.
+
+    Taken for the wrong one they lie before it at a corner, the more the flatter they meet it, as if
+    all ranges were too long. Chosen by where the walls are, not by what was measured.
+    """
+    unsure = np.zeros(len(points), np.bool_)
+    used = np.flatnonzero(patches.weight > 0)
+    used = used[np.argsort(patches.patch[used], kind="stable")]
+    _, first = np.unique(patches.patch[used], return_index=True)
+    if not len(first):
+        return unsure
+    members = np.split(used, first[1:])
+    normal = patches.normal[used[first]]
+    tangent = np.column_stack([-normal[:, 1], normal[:, 0]])
+    of = np.repeat(np.arange(len(first)), [len(rows) for rows in members])
+    across_m = (points.at_m[used] * tangent[of]).sum(axis=1)
+    low_m = np.minimum.reduceat(across_m, first) - _REACHES_M
+    high_m = np.maximum.reduceat(across_m, first) + _REACHES_M
+    at_m = points.at_m[used[first]]
+    offset_m = (at_m * normal).sum(axis=1) - patches.behind_m[used[first]]
+    middle_m = normal * offset_m[:, None] + tangent * (0.5 * (low_m + high_m))[:, None]
+    apart_m = np.hypot(*(middle_m[:, None] - middle_m).transpose(2, 0, 1))
+    half_m = 0.5 * (high_m - low_m)
+    near = (apart_m < half_m[:, None] + half_m) & (np.abs(normal @ tangent.T) > _CORNER)
+    for k, other in np.argwhere(near):
+        rows = members[k]
+        closing = beams[rows] @ normal[other]
+        closing = np.where(np.abs(closing) < _ALONG, np.nan, closing)
+        ahead_m = (offset_m[other] - points.at_m[rows] @ normal[other]) / closing
+        met_m = (points.at_m[rows] + ahead_m[:, None] * beams[rows]) @ tangent[other]
+        behind_m = points.range_m[rows] - patches.expected_m[rows]
+        both = np.abs(ahead_m + behind_m) < _TUKEY * patches.spread_m[rows]
+        unsure[rows[both & (met_m > low_m[other]) & (met_m < high_m[other])]] = True
+    return unsure
 
 
 def _walls_of(

@@ -107,9 +107,9 @@ def how_sure(gain: Gain | None, errors: float) -> str:
     NaN errors: only the score speaks.
     """
     scored = gain is not None and gain.low > 0.0
-    if errors >= 8.0 and scored:
+    if errors >= 4.0 and scored:
         return "almost certain"
-    if errors >= 5.0 or (scored and gain is not None and gain.low > 0.3 * gain.mean):
+    if errors >= 2.5 or (scored and gain is not None and gain.low > 0.3 * gain.mean):
         return "likely"
     return "possible"
 
