@@ -1,7 +1,7 @@
 """Single wrong echoes, and the reading filter that the map gains by.
 
 Every sonar has some: over a mirror, past a corner. In sound simulated rooms a median of three
-rejects 6 to 9 % of its readings, so only more is a fault. What cross-talk explains is left to it.
+rejects 6 to 14 % of its readings, so only more is a fault. What cross-talk explains is left to it.
 """
 
 from __future__ import annotations
@@ -23,9 +23,8 @@ from mapping.placer import Placer
 from mapping.scoring.held_out import Gain
 
 LEAST_GAIN = 0.005  # in log-likelihood a reading
-LEAST_SHARE, PLAIN_SHARE = 0.10, 0.20  # of a sensor's readings; from there on no gain need be sure
+LEAST_SHARE = 0.18  # of a sensor's readings
 _COST = 0.1  # of a share, at least, in log-likelihood a reading
-_LEVEL = 0.99  # at which the gain must hold: several things are tried
 _MOST_REJECTED = 0.5  # of a sensor's readings: a filter that leaves out more is no filter
 _MOST_PREDICTED = 10_000  # readings of a sensor: more take seconds by this filter
 _TRIED: tuple[tuple[str, int], ...] = (("median", 3), ("median", 5), ("agree", 2), ("predicted", 3))
@@ -60,14 +59,12 @@ class WrongEchoes(Cause):
                 continue
             alone = _rejected(case, replace(known, filter="median", filter_of=3))
             share = alone.sum() / len(case.rows_of(name))
-            if share >= LEAST_SHARE and (
-                tried := list(_tries(case, hypothesis, known, share >= PLAIN_SHARE))
-            ):
+            if share >= LEAST_SHARE and (tried := list(_tries(case, hypothesis, known))):
                 best = max(tried, key=lambda each: each.gain.mean)
                 yield _suspect(case, known, best, float(share))
 
 
-def _tries(case: Case, hypothesis: Hypothesis, sensor: Sensor, plain: bool) -> Iterator[_Tried]:
+def _tries(case: Case, hypothesis: Hypothesis, sensor: Sensor) -> Iterator[_Tried]:
     """The filters that count: both scores are of the readings that are kept."""
     readings = case.session.under(hypothesis)
     before = case.score(hypothesis, [sensor.name])
@@ -80,8 +77,7 @@ def _tries(case: Case, hypothesis: Hypothesis, sensor: Sensor, plain: bool) -> I
             continue
         after = case.judged(readings, [sensor.name], ~rejected)
         gain = after.gain_over(before)
-        sure = after.gain_over(before, level=_LEVEL).low > 0.0
-        if gain.mean >= LEAST_GAIN and (plain or sure):
+        if gain.mean >= LEAST_GAIN:
             yield _Tried(name, of, rejected, gain)
 
 
