@@ -43,6 +43,8 @@ def walls_of(case: Case, hypothesis: Hypothesis) -> Walls:
     rows = []
     for number in range(patches.count):
         mine = (patches.patch == number) & (patches.weight > 0)
+        if not mine.any():
+            continue
         n, weight = patches.normal[mine][0], patches.weight[mine]
         tangent = np.array([-n[1], n[0]])
         across = points.at_m[mine] @ tangent

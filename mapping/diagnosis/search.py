@@ -26,6 +26,7 @@ from mapping.scoring.held_out import Gain
 MOST_CAUSES = 4
 SURE = 4.5  # standard errors, where the score gains by a number
 _SURE_BESIDE, _SURE_BY_WALLS = 6.5, 10.0  # where it does by all together; where it loses nothing
+_STATED = 2.0  # times those: as planted amounts scattered about what was found of them
 _BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
 _PLAIN_GAIN = 0.03  # where only the score speaks
@@ -143,7 +144,7 @@ def _those_that_count(
         for number in left:
             others = _only(case, alone, [n for n in left if n != number], start)
             gain = judged.gain_over(case.score(others.hypothesis))
-            error = float(alone.error[left.index(number)])
+            error = _STATED * float(alone.error[left.index(number)])
             if number in seen and not _gains(gain):
                 gain = together
                 plain = _is_plain(alone, number, _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS)

@@ -19,7 +19,7 @@ from mapping.tracks import wrapped
 from recorder.columns import Floats, Ints
 
 _INSIDE = 0.8  # of the half cone
-_LEAST_M, _MOST_M, _NEAR_M = 0.05, 1.2, 0.15  # farther away corners come first
+_LEAST_M, _MOST_M, _NEAR_M = 0.05, 0.9, 0.15  # farther away something nearer comes first
 _SAME_M = 0.03  # walls that are so nearly as far away are one, and the foot decides of which piece
 _SPREAD_M, _SPREAD = 0.007, 0.01
 _TURNED_RAD = 0.06  # a piece whose normal is less sure seems farther away, by half its square
