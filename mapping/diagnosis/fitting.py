@@ -86,7 +86,7 @@ def fit(
         readings = beams.session.under(found)
         points = beams.placed(readings)
         grids = [find_patches(points, shift=each, wide=wide) for each in _SHIFTS]
-        used = min(int((patches.weight > 0).sum()) for patches in grids)
+        used = sum(int((patches.weight > 0).sum()) for patches in grids) // len(grids)
         first = first or used
         if used < _FEWEST_POINTS or used < _KEPT_SHARE * first:
             return Fit(start, tuple(numbers), covariance, used, failed=True)
