@@ -25,8 +25,7 @@ _MOST_TRIED = 3  # numbers at a time; more are added one by one
 def needed(found: Fit, most: int, known: Sequence[Number] = ()) -> tuple[Number, ...]:
     """The numbers that explain a fit best, at most so many; ``known`` are among them."""
     numbers, away = found.numbers, found.away
-    slack = np.square([_SLACK * each.least for each in numbers])
-    covariance = found.covariance + np.diag(slack)
+    covariance = _with_slack(found)
     kept = [numbers.index(each) for each in known]
     others = [at for at in range(len(numbers)) if at not in kept]
 
@@ -47,6 +46,17 @@ def needed(found: Fit, most: int, known: Sequence[Number] = ()) -> tuple[Number,
             break
         best = more
     return tuple(numbers[at] for at in sorted([*kept, *best]))
+
+
+def unexplained(found: Fit, numbers: Sequence[Number]) -> float:
+    """Wald's statistic of all other numbers of a fit being nothing."""
+    free = [found.numbers.index(each) for each in numbers]
+    return left(found.away, _with_slack(found), free)
+
+
+def _with_slack(found: Fit) -> Floats:
+    slack = np.square([_SLACK * each.least for each in found.numbers])
+    return np.asarray(found.covariance + np.diag(slack))
 
 
 def left(away: Floats, covariance: Floats, free: Sequence[int]) -> float:

@@ -18,15 +18,16 @@ from dataclasses import dataclass
 
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.fitting import Fit, fit
-from mapping.diagnosis.hypothesis import Hypothesis, Number
+from mapping.diagnosis.hypothesis import Hypothesis, Number, y_of, yaw_of
 from mapping.diagnosis.patches import NO_FAULT
-from mapping.diagnosis.pruning import needed
+from mapping.diagnosis.pruning import PRICE, needed, unexplained
 from mapping.scoring.held_out import Gain
 
 MOST_CAUSES = 4
 SURE = 4.5  # standard errors, where the score gains by a number
 _SURE_BESIDE, _SURE_BY_WALLS = 6.5, 10.0  # where it does by all together; where it loses nothing
-_STATED = 2.0  # times those: as planted amounts scattered about what was found of them
+_SURE_AGAINST = 16.0  # where it loses: its cells are 2 cm, walls are seen far finer
+_STATED = 1.5  # times those: as planted amounts scattered about what was found of them
 _BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
 _PLAIN_GAIN = 0.03  # where only the score speaks
@@ -34,6 +35,7 @@ _SCORE_LEVEL = 0.99
 _BESIDE = 0.15  # of the usual fault: so far from a peak it must still gain
 _STARTS = 2
 _FAR_LARGER = 2.0
+_ALIKE = PRICE  # so much in favour of a turn or of a shift is not told apart
 _SHRINK = (0.5, 0.25, 0.125)  # of the coarse step, in a search by the score alone
 
 
@@ -89,8 +91,28 @@ def search(
         return start, []
     best = max(fits, key=lambda pair: pair[0])[1]
     seen = {n for each in candidates if each.by_score for n in each.numbers}
-    few = _whose_bias(case, best, needed(best, MOST_CAUSES), others)
+    few = _turned_or_shifted(case, best, needed(best, MOST_CAUSES))
+    few = _whose_bias(case, best, few, others)
     return _those_that_count(case, best, few, seen, start)
+
+
+def _turned_or_shifted(case: Case, whole: Fit, numbers: Sequence[Number]) -> list[Number]:
+    """The same numbers; instead of the turn of a mount its shift, or the other way round, where
+    walls hardly tell the two apart and the score does."""
+    few = list(numbers)
+    for pair in ((yaw_of(sensor), y_of(sensor)) for sensor in case.thin):
+        mine = [each for each in pair if each in few]
+        if len(mine) != 1 or not set(pair) <= set(whole.numbers):
+            continue
+        other = pair[1] if mine[0] == pair[0] else pair[0]
+        instead = [other if each == mine[0] else each for each in few]
+        if unexplained(whole, instead) - unexplained(whole, few) < _ALIKE:
+            fits = [(each, _only(case, whole, each, NO_FAULT)) for each in (few, instead)]
+            sound = [pair for pair in fits if not pair[1].failed]
+            few = max(
+                sound, key=lambda each: case.score(each[1].hypothesis).scores.mean, default=fits[0]
+            )[0]
+    return few
 
 
 def _whose_bias(
@@ -148,7 +170,7 @@ def _those_that_count(
             if number in seen and not _gains(gain):
                 gain = together
                 plain = _is_plain(alone, number, _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS)
-                plain = plain and gain.high > 0.0
+                plain = plain and (gain.high > 0.0 or _is_plain(alone, number, _SURE_AGAINST))
             else:
                 plain = _is_plain(alone, number, SURE)
             if plain:
