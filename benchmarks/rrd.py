@@ -18,6 +18,7 @@ does slowly: it is part of each jump.
 from __future__ import annotations
 
 import json
+import math
 import re
 import resource
 import struct
@@ -102,13 +103,14 @@ def messages(run: MadeRun) -> Iterator[Message]:
     """A pose and a reading at each step; both sensors sit where the run has them."""
     for name, _ in run.sensors:
         yield Transform(FIRST_T_NS, BASE_FRAME, name, MOUNT)
+    widths_deg = dict(run.sensors)
     for number in range(run.readings):
         beam = run.beam(number)
         yield Pose(beam.t_ns, beam.world_from_base)
         kind = CATALOGUE[beam.sensor]
         yield Range(
-            beam.t_ns, beam.sensor, float(beam.ranges_m[0]), beam.beam_width_rad, 0.02,
-            beam.reach_m, kind.radiation,
+            beam.t_ns, beam.sensor, float(beam.ranges_m[0]), math.radians(widths_deg[beam.sensor]),
+            0.02, beam.reach_m, kind.radiation,
         )  # fmt: skip
 
 
