@@ -60,6 +60,7 @@ def test_sums_are_followed_as_the_rule_merges_them(seed: int) -> None:
     formula = Formula.of(rule)
     sums = random.exponential(random.uniform(0.1, 50.0), (ROWS * COLS, 8))
     sums[:, :6] *= random.random((ROWS * COLS, 6)) < 0.7
+    sums[:, 2:6] = np.floor(6.0 * sums[:, 2:6])  # counts
     sums[:, 6:] = formula.start[6:] * random.random((ROWS * COLS, 2))
     run = MadeRun(grid, sensors=(("ping", 38.0),), readings=1, turn_rad=0.0)
     beam = replace(run.beam(0), ranges_m=random.choice([0.1, 0.5, 0.9, np.inf], 1))

@@ -245,13 +245,25 @@ def ln_of_one_plus(x: float, logarithms: Floats) -> float:
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def values_of_sums(sums: Floats, formula: Floats, logarithms: Floats, curve: Floats) -> Singles:
-    """The values that sums (N, 8) stand for; the curve's cubics reach from totals -64 to 64."""
+    """The values that sums (N, 8) stand for; the curve's cubics reach from totals -64 to 64.
+
+    The third to the sixth of the sums are counts.
+    """
     values, pieces = np.empty(sums.shape[0], np.float32), curve.shape[0]
     most_unpassed, least = formula[9], formula[13]
+    of_counts = np.empty(256)  # most cells have no more of any kind
+    for many in range(of_counts.size):
+        of_counts[many] = ln_of_one_plus(float(many), logarithms)
     for k in range(sums.shape[0]):
         total = formula[8]
-        for n in range(6):
-            total += formula[n] * ln_of_one_plus(sums[k, n], logarithms)
+        total += formula[0] * ln_of_one_plus(sums[k, 0], logarithms)
+        total += formula[1] * ln_of_one_plus(sums[k, 1], logarithms)
+        for n in range(2, 6):
+            many = int(sums[k, n])
+            if many < of_counts.size:
+                total += formula[n] * of_counts[many]
+            else:
+                total += formula[n] * ln_of_one_plus(sums[k, n], logarithms)
         total += formula[6] * sums[k, 6]
         total += formula[7] * sums[k, 7]
         total *= min((sums[k, 0] + sums[k, 1]) / least, 1.0)
@@ -272,5 +284,6 @@ def settle_sums(
 ) -> None:
     """Write the sums and values of cells into those of all."""
     for k in range(cells.size):
-        all_sums[cells[k]] = sums[k]
+        for n in range(8):
+            all_sums[cells[k], n] = sums[k, n]
         values[cells[k]] = new[k]
