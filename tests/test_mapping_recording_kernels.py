@@ -77,12 +77,11 @@ def test_sums_are_followed_as_the_rule_merges_them(seed: int) -> None:
     reading = formula.reading(temp)
     at = beam.world_from_sensor
     distances = slow.distances_m(cells, COLS, 0.05, -at.x_m, -at.y_m)
-    found = predicting.follow_sums(
-        cells, in_front, distances, sums, reading.numbers, formula.numbers
-    )
+    predicting.follow_sums(cells, in_front, distances, sums, reading.numbers, formula.numbers)
+    found = sums[cells]
     wanted = np.column_stack([array.ravel()[inner] for array in known.values()])
     np.testing.assert_allclose(found, wanted, rtol=0.0, atol=1e-7)
-    values = predicting.values_of_sums(found, formula.numbers, logarithms(), formula.curve)
+    values = predicting.values_of_sums(cells, sums, formula.numbers, logarithms(), formula.curve)
     exact = rule.values({name: found[:, n] for n, name in enumerate(rule.start)})
     np.testing.assert_allclose(values, exact, rtol=1e-7, atol=0.0)
 
