@@ -81,6 +81,8 @@ from mapping.kernels.batch.sum_rows import (
 Flags = NDArray[np.bool_]
 
 _WORTH = 1024  # cells of the map for each reading: for fewer readings tiles are not worth it
+_BLOCK_CELLS = 60_000  # whose tiles, 20 bytes each, stay in the second cache
+_LEAST_ROWS = 64  # a block of fewer would cut most beams in pieces
 
 
 @loop
@@ -234,27 +236,20 @@ def _rows_met(
     return low, max(min(high, end), low)
 
 
-@free_loop
-def add_sums(
+@loop
+def _add_block(
     cells: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats,
-    limits: Floats, what: int, begin: int, end: int,
+    limits: Floats, what: int, is_tiled: bool, begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Add readings, in their order, to the rows begin to end - 1 of a map.
-
-    ``cells`` (2 or 8, rows, a multiple of ``LANES``) are the arrays of the rule ``what``,
-    SATURATING or POOLED, in its order; ``observed`` (rows, cols) gets the cells of which anything
-    was said. ``sensors`` (S, 6) and ``limits`` (6,) hold what is named above.
-    """
+    """Add readings to the rows begin to end - 1 of a map, of which tiles stay in the cache."""
     (rows, cols), lines = observed.shape, 2 if what == SATURATING else 5
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     widths = widths_of(sensors[:, HALF_WIDTH])
-    low, high = _rows_met(readings, place, widths, rows, cols, begin, end)
-    seen = np.zeros((high - low, cols // 64 + 1), np.uint64)  # from row ``low`` on, as the tiles
+    seen = np.zeros((end - begin, cols // 64 + 1), np.uint64)  # from row ``begin`` on, as the tiles
     of, squares, reading = scratch_of(rows, cols), squares_of(limits), np.empty(4)
     kept, small = np.empty(cells.shape[0]), np.zeros(lines, np.int32)
     xs, ys, headings, ranges, fronts, bands, names = readings
-    tiled = high - low if xs.size * _WORTH >= seen.shape[0] * cols else 0
-    tiles = np.zeros((tiled, cells.shape[2] * lines), np.int32)
+    tiles = np.zeros((end - begin if is_tiled else 0, cells.shape[2] * lines), np.int32)
     for i in range(xs.size):
         if is_beyond(ys[i], max(fronts[i], bands[i]), place, begin, end):
             continue
@@ -266,23 +261,45 @@ def add_sums(
             spans_of_rows(beam, place, box, 1, spans, doubt)
         row, col = obstacle_cell(beam, place, rows, cols, ranges[i], bands[i], begin, end, spans,
                                  count, spare)  # fmt: skip
-        rows_of = first, count, first - low
+        rows_of = first, count, first - begin
         if row >= 0:
-            _cell_of(cells, tiles, row - low, row, col, kept, small, False)
+            _cell_of(cells, tiles, row - begin, row, col, kept, small, False)
         if count > 0 and beam.half > WIDEST_RAD:
-            _add_wide(cells, what, seen, place, beam, sensor, reading, limits, box, low)
+            _add_wide(cells, what, seen, place, beam, sensor, reading, limits, box, begin)
         elif count > 0:
-            mark_rows(seen, first - low, count, place.col0, spans, sensor[WITH_FREE] != 0.0)
+            mark_rows(seen, first - begin, count, place.col0, spans, sensor[WITH_FREE] != 0.0)
             full = _add_wedge(cells, tiles, what, place, beam, sensor, reading, box, rows_of, spans,
                               of, squares)  # fmt: skip
         if row >= 0:  # the obstacle's cell is the band, whatever ran through it
-            _cell_of(cells, tiles, row - low, row, col, kept, small, True)
+            _cell_of(cells, tiles, row - begin, row, col, kept, small, True)
             dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
             dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
             _cell(cells, what, row, col, False, dx, dy, sensor, reading, limits)
-            mark(seen, row - low, col, col, col, col + 1, True)
+            mark(seen, row - begin, col, col, col, col + 1, True)
         if full != 0:
             empty_tiles(cells, tiles, what, rows_of, box[2] - place.col0, box[3] - place.col0)
-    if tiled:
-        empty_all(cells, tiles, what, seen, low)
-    mark_seen(seen, observed[low:high], 0, 1)
+    if is_tiled:
+        empty_all(cells, tiles, what, seen, begin)
+    mark_seen(seen, observed[begin:end], 0, 1)
+
+
+@free_loop
+def add_sums(
+    cells: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats,
+    limits: Floats, what: int, begin: int, end: int,
+) -> None:  # fmt: skip
+    """Add readings, in their order, to the rows begin to end - 1 of a map.
+
+    ``cells`` (2 or 8, rows, a multiple of ``LANES``) are the arrays of the rule ``what``,
+    SATURATING or POOLED, in its order; ``observed`` (rows, cols) gets the cells of which anything
+    was said. ``sensors`` (S, 6) and ``limits`` (6,) hold what is named above.
+    """
+    rows, cols = observed.shape
+    widths = widths_of(sensors[:, HALF_WIDTH])
+    low, high = _rows_met(readings, place, widths, rows, cols, begin, end)
+    is_tiled = readings.x_m.size * _WORTH >= (high - low) * cols
+    at_once = max(_BLOCK_CELLS // cells.shape[2], _LEAST_ROWS)
+    blocks = (high - low + at_once - 1) // at_once if is_tiled else 1
+    for n in range(blocks):
+        first, after = low + (high - low) * n // blocks, low + (high - low) * (n + 1) // blocks
+        _add_block(cells, observed, place, readings, sensors, limits, what, is_tiled, first, after)
