@@ -68,9 +68,11 @@ def jobs(session: sessions.Session) -> dict[str, Callable[[], object]]:
     bound = eight.copy()
     common = observed, place, readings, table, limits
     return {
-        "bayes": lambda: fading.add_fading(cells, observed, place, readings, bayes, 0, 1),
-        "saturating": lambda: sums.add_sums(two, *common, SATURATING, 0, 1),
-        "pooled": lambda: sums.add_sums(eight, *common, POOLED, 0, 1),
+        "bayes": lambda: fading.add_fading(
+            cells, observed, place, readings, bayes, 0, len(observed)
+        ),
+        "saturating": lambda: sums.add_sums(two, *common, SATURATING, 0, len(observed)),
+        "pooled": lambda: sums.add_sums(eight, *common, POOLED, 0, len(observed)),
         "eight adds": lambda: _eight_adds(bound, observed.shape[1], place, readings, half),
     }
 

@@ -269,8 +269,7 @@ class _Sums(_Kernel):
             )
         ])  # fmt: skip
         what = POOLED if isinstance(rule, Pooled) else SATURATING
-        threads = worth_threads(readings, rows, target.place.size_m, threads)
-        in_parts(add_sums, *target, columns, table, np.array(LIMITS), what, threads=threads)
+        self.in_bands(add_sums, target, columns, table, np.array(LIMITS), what, threads=threads)
 
 
 class _FadingScans:

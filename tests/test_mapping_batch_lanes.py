@@ -117,51 +117,53 @@ def test_a_cell_that_became_0_is_reported(add_row):
 @pytest.mark.parametrize("count", [1, 6, 12, 60])
 def test_rows_of_regions(count):
     draw = np.random.default_rng(count)
-    factors = draw.uniform(0, 0.45, count).astype(np.float32)
+    factors = regions._with_room(draw.uniform(0, 0.45, (1, count)).astype(np.float32))
     table = draw.integers(-steps.CLAMP, steps.CLAMP, count * 12).astype(np.int32)
-    square = draw.uniform(0, 3, 160).astype(np.float32)
+    # Of a group the first or the last column is the farthest, as it is of a row.
+    square = np.square(np.linspace(-1.2, 1.6, 160)).astype(np.float32)
     for _ in range(15):
         beam = beam_of(draw)
         box = spans.box_of(beam, PLACE, ROWS, COLS)
-        rows = box[1] - box[0]
-        if rows <= 0 or box[3] <= box[2]:
+        if box[1] <= box[0] or box[3] <= box[2]:
             continue
         found, doubt = spans.span_scratch(ROWS)
         spans.spans_of_rows(beam, PLACE, box, 1, found, doubt)
         twins = []
         cells = map_of(draw)
         for fill, front, band, add in (
-            (regions.fill_borders_plainly, regions.add_front_plainly, regions.index_band_plainly,
+            (regions.fill_border_plainly, regions.add_front_plainly, regions.index_band_plainly,
              regions.add_table_row_plainly),
-            (regions.fill_borders_in_lanes, regions.add_front_in_lanes,
+            (regions.fill_border_in_lanes, regions.add_front_in_lanes,
              regions.index_band_in_lanes, regions.add_table_row_in_lanes),
         ):  # fmt: skip
-            twins.append(rows_of_regions(fill, front, band, add, cells.copy(), beam, box, found,
-                                         count, factors, table, square))  # fmt: skip
+            twins.append(rows_of_regions(fill, front, band, add, cells.copy(), box, found, count,
+                                         factors, table, square))  # fmt: skip
         for plain, lanes in zip(*twins, strict=True):
             np.testing.assert_array_equal(lanes, plain)
 
 
-def rows_of_regions(fill, front, band, add, cells, beam, box, found, count, factors, table, square):
+def rows_of_regions(fill, front, band, add, cells, box, found, count, factors, table, square):
     """Borders, map and numbers in doubt, made with one kind of step."""
-    rows = box[1] - box[0]
-    borders = np.zeros((count, found.shape[1]), np.int32)
-    crossing = np.zeros((2, found.shape[1]), np.int32)
+    rows, start = box[1] - box[0], np.int32(-3)
+    borders, rows_up = np.zeros((count, found.shape[1]), np.int16), np.zeros(found.shape[1])
+    rows_up[:rows] = np.arange(rows) * PLACE.size_m - 0.4
     for k in range(1, count):
-        limits = (float(box[0]), 1.0, PLACE.size_m, PLACE.origin_y_m - beam.y,
-                  math.tan(0.1 * k) / PLACE.size_m, 70.0, 2.0**30, float(k % 3 > 0), 0.0,
-                  float(k % 2), 0.0, float(PLACE.col0))  # fmt: skip
-        fill(borders, k, rows, limits, found, crossing)
+        line = (math.tan(0.1 * k) / PLACE.size_m, 70.0)
+        fill(borders, k, 0, rows // 3, rows_up, (0.0, 1e300), 0.0)
+        fill(borders, k, rows // 3, rows, rows_up, line, float(k % 2))
     index, in_doubt = np.zeros(160, np.int32), []
+    losses = regions._full_losses(factors)[0]
     for r in range(rows):
         a, f, g, b = (int(v) - PLACE.col0 for v in found[:, r])
-        own, flip = (crossing[0, r], crossing[1, r]), np.int32(-(r % 2))
+        flip = np.int16(-(r % 2))
         if b <= a:
             continue
-        dy_squared, e0, e1 = np.float32(0.3), np.float32(2.0), np.float32(-1.3)
-        front(cells, r, square, dy_squared, borders, r, own, flip, factors, f, g, e0, e1)
+        dy_squared = np.float32(0.3)
+        emptiness = np.float32(2.0), np.float32(-1.3), np.float32(0.59)
+        front(cells, r, square, dy_squared, borders, r, flip, start, factors[0], losses, f, g,
+              emptiness)  # fmt: skip
         scale, offset, unsure = np.float32(9.0), np.float32(-4.0), np.float32(0.01)
-        in_doubt.append(band(square, dy_squared, borders, r, own, flip, 12, a, b, scale, offset,
+        in_doubt.append(band(square, dy_squared, borders, r, flip, start, 12, a, b, scale, offset,
                              unsure, index))  # fmt: skip
         add(cells, r, a, b, table, index)
-    return borders[1:, :rows], crossing[:, :rows], cells, np.array(in_doubt)
+    return borders[1:, :rows], cells, np.array(in_doubt)

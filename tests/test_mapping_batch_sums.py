@@ -9,12 +9,15 @@ from batch_cases import GRID
 from test_mapping_batch_counts import SEVERAL, random_readings
 
 from mapping.batches import adder_of, adders
+from mapping.grid import GridGeometry
+from mapping.kernels.batch import threads as shares
 from mapping.readings import Readings
 from mapping.sensor_model import make_temp_grid
 from mapping.tracks import Motions
 from mapping.update_rules import start
 
 RULES = ("saturating", "pooled")
+WIDE = GridGeometry((-1.0, -0.8), 0.0125, 132, 1200)
 
 
 def placed(beams, which, order=None):
@@ -55,7 +58,8 @@ def slowly(rule, beams, which):
 
 @pytest.mark.parametrize("rule", RULES)
 @pytest.mark.parametrize("threads", [1, 3])
-def test_sums_are_those_of_one_reading_after_the_other(rule, threads):
+def test_sums_are_those_of_one_reading_after_the_other(rule, threads, monkeypatch):
+    monkeypatch.setattr(shares, "_WORTH", 0.0)
     beams, which, _ = random_readings(3)
     slow, fast = slowly(rule, beams, which), by_kernels(rule, placed(beams, which), threads)
     for name, expected in slow.cells.items():
@@ -95,13 +99,15 @@ def test_the_cell_of_an_obstacle_is_the_band_and_nothing_else():
 
 
 @pytest.mark.parametrize("rule", RULES)
-def test_readings_in_tiles_are_those_of_one_after_the_other(rule):
-    """So many readings that they go to tiles first, and fill them more than once."""
+@pytest.mark.parametrize("grid", [GRID, WIDE])
+def test_readings_in_tiles_are_those_of_one_after_the_other(rule, grid):
+    """So many readings that they go to tiles first, and fill them more than once; of a wide grid
+    block by block."""
     beams, which, _ = random_readings(5)
     readings = placed(beams, which)
     still = np.zeros(700, np.int64)  # one place: its sums grow past what a tile holds
     rows = np.concatenate([np.arange(len(beams)), still, np.arange(len(beams))])
-    few, many = start(rule, GRID), start(rule, GRID)
+    few, many = start(rule, grid), start(rule, grid)
     numbers = list(range(len(SEVERAL)))
     for name, adder in adders(few.rule, SEVERAL, numbers).items():
         mine = [n for n in numbers if adder_of(few.rule, SEVERAL, n) == name]

@@ -64,7 +64,7 @@ def test_each_band_has_about_as_much_to_do(y_m, monkeypatch):
 def test_where_little_is_to_do_nothing_is_cut():
     few, place = readings_of(2, 20), cases.place(FINE)
     assert threads.band_edges(few, HALF, place, FINE.rows, 2) == [0, FINE.rows]
-    many = readings_of(2, 2000)
+    many = readings_of(2, 9000)
     assert len(threads.band_edges(many, HALF, place, FINE.rows, 2)) == 3
     assert threads.band_edges(many, HALF, place, FINE.rows, 1) == [0, FINE.rows]
     none = cases.first(many, 0)

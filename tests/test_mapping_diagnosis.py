@@ -15,11 +15,12 @@ from hypothesis import strategies as st
 
 from mapping.config import load_config
 from mapping.diagnosis.case import Case, case_of
-from mapping.diagnosis.causes import CAUSES
-from mapping.diagnosis.causes.interface import Evidence
+from mapping.diagnosis.causes.interface import Cause, Evidence
 from mapping.diagnosis.causes.silence import Silence
-from mapping.diagnosis.diagnosing import Diagnosis, at_first_sight, diagnose, merged
+from mapping.diagnosis.causes.table import CAUSES
+from mapping.diagnosis.diagnosing import Diagnosis, diagnose, merged
 from mapping.diagnosis.facing import acceptance, likeliest_edges, walls_of
+from mapping.diagnosis.first_sight import AT_ONCE, at_first_sight
 from mapping.diagnosis.fitting import Fit, fit
 from mapping.diagnosis.hypothesis import (
     Hypothesis,
@@ -353,6 +354,11 @@ def test_too_few_readings_are_refused() -> None:
 def test_every_cause_has_a_name_of_its_own() -> None:
     assert len({cause.name for cause in CAUSES}) == len(CAUSES)
     assert all(cause.title for cause in CAUSES)
+
+
+def test_a_look_at_first_sight_takes_every_cause_that_needs_no_search() -> None:
+    at_once = [type(cause) for cause in CAUSES if type(cause).suspects is not Cause.suspects]
+    assert [type(cause) for cause in AT_ONCE] == at_once
 
 
 def test_settings_are_laid_over_each_other() -> None:

@@ -26,8 +26,8 @@ Race = Callable[[], float]
 SONAR = {"hit": 0.8, "miss": 0.08, "near": 30.0, "before": 0.01, "behind": 0.1, "fade_m": 0.75}
 SHARP = {"hit": 2.2, "miss": 0.85, "near": 0.0, "before": 0.075, "behind": 0.075, "fade_m": 1e9}
 LASER = {**SHARP, "before": 0.015, "behind": 0.015}
-STRETCH = 20  # sessions on end for the clock on the wall: a file maps as one stretch
 TWIN_READINGS = 40  # as many as the slow twins take
+TIMES = 10  # as often threads get the readings: one thread takes 10 ms and more then
 OCTOMAP, OCTOMAP_SCANS = "OctoMap (3D), from Python", 20
 MARGIN_M = 4.0  # MRPT 2.5.8 fails where a cone leaves its map
 
@@ -82,12 +82,12 @@ def cpu(work: Callable[[], object]) -> Race:
 
 
 def wall(work: Callable[[], object]) -> Race:
-    """Seconds a session by the clock on the wall, of ``work`` that does STRETCH sessions."""
+    """Seconds by the clock on the wall."""
 
     def run() -> float:
         start = time.perf_counter()
         work()
-        return (time.perf_counter() - start) / STRETCH
+        return time.perf_counter() - start
 
     return run
 
@@ -153,20 +153,33 @@ def racers_of(
         )
     if harness is not None:
         racers["MRPT cone"] = mrpt(harness, session, 0, folder)
-    halves = np.array([half])
-    cut = band_edges(readings, halves, place, rows, 2)[1]
-    racers["fading, lower rows of 2 threads"] = cpu(lambda: fading.add_fading(*job, 0, cut))
-    racers["fading, upper rows of 2 threads"] = cpu(lambda: fading.add_fading(*job, cut, rows))
-    long = Readings(*(np.tile(column, STRETCH) for column in readings))
-    for threads, name in ((1, "1 thread, wall"), (2, "2 threads, wall")):
-        racers[name] = wall(lambda threads=threads: in_bands(
-            fading.add_fading, cells, observed, place, long, table,
-            edges=band_edges(long, halves, place, rows, threads),
-        ))  # fmt: skip
+    threaded = _threaded((cells, observed, place), readings, table)
+    racers |= threaded
     beliefs = np.zeros(observed.shape)
     racers["NumPy twin"] = cpu(lambda: numpy_twin(beliefs, session, model))
     racers["plain Python twin"] = cpu(lambda: python_twin(beliefs.tolist(), session, model))
-    return racers, {"NumPy twin": TWIN_READINGS, "plain Python twin": 1}
+    many = dict.fromkeys(threaded, TIMES * len(readings.x_m))
+    return racers, {"NumPy twin": TWIN_READINGS, "plain Python twin": 1, **many}
+
+
+def _threaded(
+    target: tuple[NDArray[np.int32], NDArray[np.bool_], Place], readings: Readings,
+    table: NDArray[np.float64],
+) -> dict[str, Race]:  # fmt: skip
+    """`fading` on one thread and on two; the readings some times over, so that there is work."""
+    rows, halves = len(target[1]), np.ascontiguousarray(table[:, 0])
+    order = np.random.default_rng(0).permutation(np.arange(TIMES * readings.x_m.size))
+    many = Readings(*(column[order % column.size] for column in readings))
+    job, cut = (*target, many, table), band_edges(many, halves, target[2], rows, 2)[1]
+    racers = {
+        "lower rows of 2 threads": cpu(lambda: fading.add_fading(*job, 0, cut)),
+        "upper rows of 2 threads": cpu(lambda: fading.add_fading(*job, cut, rows)),
+    }
+    for threads, name in ((1, "1 thread, wall"), (2, "2 threads, wall")):
+        racers[name] = wall(lambda threads=threads: in_bands(
+            fading.add_fading, *job, edges=band_edges(many, halves, target[2], rows, threads)
+        ))  # fmt: skip
+    return racers
 
 
 def _lidar_racers(session: Session, harness: Path | None, folder: Path) -> dict[str, Race]:
@@ -187,11 +200,8 @@ def _lidar_racers(session: Session, harness: Path | None, folder: Path) -> dict[
     if find_spec("pyoctomap") is not None:
         racers[OCTOMAP] = octomap(session)
     racers["every 2nd row"] = cpu(lambda: lidar.add_scans(*job, 0, 2))
-    long = Scans(*(np.tile(c, (STRETCH,) + (1,) * (c.ndim - 1)) for c in job[3]))
-    for threads, name in ((1, "1 thread, wall"), (2, "2 threads, wall")):
-        racers[name] = wall(lambda threads=threads: in_parts(
-            lidar.add_scans, *job[:3], long, *job[4:], threads=threads
-        ))  # fmt: skip
+    racers["1 thread, wall"] = wall(lambda: in_parts(lidar.add_scans, *job))
+    racers["2 threads, wall"] = wall(lambda: in_parts(lidar.add_scans, *job, threads=2))
     return racers
 
 

@@ -8,15 +8,19 @@ sessions no stretch holds more than five.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mapping.diagnosis.case import Stretch
 from mapping.diagnosis.causes.interface import Cause, Evidence, Suspect
 from mapping.diagnosis.own_walls import expected_echoes
 from mapping.diagnosis.raw import Channel, channels
 from mapping.readings import Readings
 from recorder.columns import Floats
+from recorder.numbers import median
+
+if TYPE_CHECKING:
+    from mapping.diagnosis.case import Stretch
 
 _LEAST_READINGS = 30
 _LEAST_S = 2.0
@@ -47,6 +51,8 @@ class Silence(Cause):
 
 def stuck_readings(evidence: Evidence) -> list[Stretch]:
     """All stretches in which a sensor is stuck."""
+    from mapping.diagnosis.case import Stretch
+
     return [
         Stretch(channel.sensor, int(channel.t_ns[first]), int(channel.t_ns[end - 1]))
         for channel in channels(evidence)
@@ -133,7 +139,7 @@ def _gaps(channel: Channel, others: list[Channel]) -> list[tuple[float, float]]:
     end = max(each.t_ns[-1] for each in (channel, *others))
     times = np.concatenate([[begin], channel.t_ns, [end]])
     gaps = np.diff(times)
-    usual = float(np.median(gaps))
+    usual = median(gaps)
     found = []
     for at in np.flatnonzero(gaps > max(_GAPS * usual, 2.0 * _LEAST_S * 1e9)).tolist():
         low, high = times[at], times[at + 1]

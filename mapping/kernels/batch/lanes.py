@@ -22,7 +22,8 @@ WITH_LANES = os.environ.get("ECHOGRID_PLAIN_LOOPS", "") in ("", "0")
 # More than fit into a register of most processors: that hides what one step waits for the last.
 WIDTH = 16 if llvm.get_host_cpu_features().get("avx512f") else 8
 ROOM = 16
-F32, F64, I32, I64 = ir.FloatType(), ir.DoubleType(), ir.IntType(32), ir.IntType(64)
+F32, F64 = ir.FloatType(), ir.DoubleType()
+I16, I32, I64 = (ir.IntType(bits) for bits in (16, 32, 64))
 loop = njit(cache=WITH_LANES, error_model="numpy")
 inlined_loop = njit(cache=WITH_LANES, error_model="numpy", forceinline=True)
 free_loop = njit(cache=WITH_LANES, error_model="numpy", nogil=True)
@@ -102,7 +103,9 @@ class Lanes:
     def to(self, element: Any) -> Lanes:
         """As numbers of another type; what is not whole is cut."""
         wanted, b = ir.VectorType(element, WIDTH), self.builder
-        if element is I32:
+        if element is I16:
+            make = b.trunc if self.element is I32 else b.zext
+        elif element is I32:
             make = b.fptosi if self.is_float else b.zext
         else:
             make = (b.fptrunc if element is F32 else b.fpext) if self.is_float else b.sitofp
@@ -114,6 +117,15 @@ class Lanes:
         full = f"llvm.vector.reduce.add.v{WIDTH}{self.element.intrinsic_name}"
         function = cgutils.get_or_insert_function(self.builder.module, kind, full)
         return self.builder.call(function, [self.value])
+
+    def picked(self, places: Lanes) -> Lanes:
+        """The numbers in several lanes of these."""
+        b, said = self.builder, ir.Constant(self.value.type, ir.Undefined)
+        for n in range(WIDTH):
+            lane = ir.Constant(I32, n)
+            value = b.extract_element(self.value, b.extract_element(places.value, lane))
+            said = b.insert_element(said, value, lane)
+        return self._made(said)
 
     def bits_as(self, element: Any) -> Lanes:
         """The same bits read as numbers of another type."""
@@ -143,6 +155,7 @@ class Cells:
         array = context.make_array(kind)(context, builder, value)
         self.data, self.element = array.data, context.get_data_type(kind.dtype)
         self.shape = cgutils.unpack_tuple(builder, array.shape)
+        self.align = 2 if self.element == I16 else 4
 
     def _at(self, index: Any) -> Any:
         pointer = self.builder.gep(self.data, [index], source_etype=self.element)
@@ -158,16 +171,30 @@ class Cells:
         pointer = self.builder.gep(self.data, [index], source_etype=self.element)
         return self.builder.load(pointer, typ=self.element)
 
+    def picked(self, places: Lanes) -> Lanes:
+        """The numbers at several places."""
+        b, kind = self.builder, ir.VectorType(self.element, WIDTH)
+        pointers = b.gep(self.data, [places.value], source_etype=self.element)
+        pointers.type = ir.VectorType(self.data.type, WIDTH)  # which llvmlite does not see
+        every = ir.Constant(ir.VectorType(ir.IntType(1), WIDTH), [1] * WIDTH)
+        function = cgutils.get_or_insert_function(
+            b.module,
+            ir.FunctionType(kind, [pointers.type, I32, every.type, kind]),
+            f"llvm.masked.gather.v{WIDTH}{self.element.intrinsic_name}.v{WIDTH}p0",
+        )
+        none = ir.Constant(kind, ir.Undefined)
+        return Lanes(b, b.call(function, [pointers, ir.Constant(I32, 4), every, none]))
+
     def load(self, index: Any) -> Lanes:
         kind = ir.VectorType(self.element, WIDTH)
-        return Lanes(self.builder, self.builder.load(self._at(index), align=4, typ=kind))
+        return Lanes(self.builder, self.builder.load(self._at(index), align=self.align, typ=kind))
 
     def store(self, index: Any, lanes: Lanes) -> None:
-        self.builder.store(lanes.value, self._at(index), align=4)
+        self.builder.store(lanes.value, self._at(index), align=self.align)
 
 
 def unpacked(builder: Any, values: Any) -> list[Any]:
-    return [builder.extract_value(values, k) for k in range(values.type.count)]
+    return [builder.extract_value(values, k) for k in range(len(values.type))]
 
 
 def by_width(builder: Any, first: Any, after: Any) -> Any:

@@ -57,16 +57,16 @@ def _groups(
 ) -> Iterator[_Group]:  # fmt: skip
     """A loop over all groups of cells that a reading meets, row after row.
 
-    ``rows``: the first row of the map, the step to the next, how many, the first one's tiles.
+    ``rows``: the first row of the map, how many, the first one's tiles.
     """
-    first, step, count, own = unpacked(builder, rows)
+    first, count, own = unpacked(builder, rows)
     is_free = builder.fcmp_ordered("!=", with_free, ir.Constant(F64, 0.0))
     with cgutils.for_range_slice(builder, ir.Constant(I64, 0), count, ir.Constant(I64, 1)) as (
         k,
         _,
     ):
         a, f, g, b = (builder.sub(spans.one(spans.at(n, k)), shift) for n in range(4))
-        line = builder.mul(builder.add(first, builder.mul(k, step)), cells.shape[2])
+        line = builder.mul(builder.add(first, k), cells.shape[2])
         tile_line = builder.mul(builder.add(own, k), tiles.shape[1])
         whole, front = builder.sub(b, a), builder.sub(g, f)
         free = builder.select(is_free, front, ir.Constant(I32, 0))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from mapping.kernels.batch.lanes import WITH_LANES, free_loop, inlined_loop, loop
 from mapping.kernels.batch.lanes_of_regions import (
-    lanes_of_borders,
+    lanes_of_border,
     lanes_of_region_band,
     lanes_of_region_front,
     lanes_of_table_row,
@@ -45,126 +45,167 @@ Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
+Shorts = NDArray[np.int16]
+Front = tuple[Any, Any, Any]
 
 SMALL_Z = 0.45  # up to here the polynomial holds; larger ones take a logarithm each
-_BEYOND = 1 << 30
-# 2 atanh(z) / z for z^2 = 0 .. 0.2025, within 1e-8: the coefficients of 1, z^2, z^4, ...
-_A0, _A1, _A2, _A3 = (np.float32(v) for v in (2, 0.666666442, 0.400017389, 0.285212549))
-_A4, _A5, _A6 = (np.float32(v) for v in (0.229028995, 0.135602466, 0.299699575))
-_SCALE, _UNIT, _ZERO = np.float32(-ONE), np.float32(1.0), np.float32(0.0)
+_WIDEST = 32_000  # columns of a beam: their numbers take 16 bits
+# -2 atanh(z) / z in steps for z^2 = 0 .. 0.2025, within 1e-8: coefficients of 1, z^2, z^4, ...
+_A0, _A1, _A2, _A3 = (
+    np.float32(-ONE) * np.float32(v) for v in (2, 0.666666442, 0.400017389, 0.285212549)
+)
+_A4, _A5, _A6 = (np.float32(-ONE) * np.float32(v) for v in (0.229028995, 0.135602466, 0.299699575))
+_UNIT, _ZERO = np.float32(1.0), np.float32(0.0)
 _NOTHING = np.int32(0)
 
 
 @loop
+def _border_turns(halves: Floats, regions: int) -> Floats:
+    """Cosine and sine of the borders between angular regions, from the axis: (S, regions, 2)."""
+    turns = np.empty((halves.size, regions, 2))
+    for s in range(halves.size):
+        for k in range(regions):
+            angle = halves[s] * (2.0 * k / regions - 1.0)
+            turns[s, k, 0], turns[s, k, 1] = math.cos(angle), math.sin(angle)
+    return turns
+
+
+@loop
 def region_borders(
-    beam: Beam, place: Place, row0: int, step: int, rows: int, regions: int, spans: Steps,
-    borders: Steps, crossing: Steps,
-) -> None:  # fmt: skip
+    beam: Beam, place: Place, start: int, turns: Floats, rows: int, rows_up: Floats, borders: Shorts
+) -> None:
     """``borders[k, r]``: the column where the cells of region k and above begin or end in a row.
 
     In a row above the sensor they are those left of it: column < border. In the others they are
-    those from it on, written so that -1 - column < border tells them. Columns are the array's.
-    ``crossing[:, r]``: of the row's first so many borders all its cells lie beyond, and past so
-    many none does.
+    those from it on, written so that -1 - column < border tells them. Columns begin at ``start``,
+    a column of the whole grid.
+    ``rows_up``: how far above the sensor each row lies, in metres, and so less than the next one;
+    ``turns`` (regions, 2) are those of the sensor.
     """
     per_cell = 1.0 / place.size_m
     offset = (beam.x - place.origin_x_m) * per_cell - 0.5
     # A border on the other side of the sensor does not cross the row: all of the row's cells lie
     # on that side of it on which the beam goes over to the other half.
-    missed_above = float(_BEYOND if beam.sin_right <= 0.0 else -_BEYOND)
-    missed_below = float(-_BEYOND if beam.sin_left < 0.0 else _BEYOND)
-    for r in range(crossing.shape[1]):
-        crossing[0, r] = crossing[1, r] = 0
-    for k in range(1, regions):
-        angle = beam.half * (2.0 * k / regions - 1.0)
-        c, s = math.cos(angle), math.sin(angle)
+    missed_above = _WIDEST if beam.sin_right <= 0.0 else -_WIDEST
+    missed_below = _WIDEST if beam.sin_left < 0.0 else -_WIDEST
+    below = 0
+    while below < rows and rows_up[below] <= 0.0:
+        below += 1
+    for k in range(1, turns.shape[0]):
+        c, s = turns[k, 0], turns[k, 1]
         cos_border, sin_border = c * beam.cos - s * beam.sin, s * beam.cos + c * beam.sin
         slope = cos_border / (sin_border if abs(sin_border) > 1e-300 else 1e-300) * per_cell
-        is_up, is_down = sin_border > 0.0, sin_border < 0.0
-        up, missed_up = (1.0, 0.0) if is_up else (0.0, missed_above)
-        down, missed_down = (1.0, 0.0) if is_down else (0.0, missed_below)
-        limits = (
-            np.float64(row0), np.float64(step), place.size_m, place.origin_y_m - beam.y, slope,
-            offset, np.float64(_BEYOND), up, missed_up, down, missed_down, np.float64(place.col0),
-        )  # fmt: skip
-        _fill_borders(borders, k, rows, limits, spans, crossing)
+        if sin_border < 0.0:
+            _fill_border(borders, k, 0, below, rows_up, (-slope, -offset), np.float64(start))
+        else:
+            borders[k, :below] = missed_below
+        if sin_border > 0.0:
+            to = np.float64(1 - start)
+            _fill_border(borders, k, below, rows, rows_up, (slope, offset), to)
+        else:
+            borders[k, below:rows] = missed_above
 
 
 @loop
-def fill_borders_plainly(
-    borders: Steps, k: int, rows: int, limits: Any, spans: Steps, crossing: Steps
+def fill_border_plainly(
+    borders: Shorts, k: int, first: int, after: int, rows_up: Floats, line: Any, to: Any
 ) -> None:
-    """One border in all rows."""
-    row0, step, size, base_y, slope, offset, most, up, missed_up, down, missed_down, shift = limits
-    for r in range(rows):
-        dy = (np.float64(r) * step + row0 + 0.5) * size + base_y
-        at = min(max(dy * slope + offset, -most), most)
-        above = (np.floor(at) + 1.0) * up + missed_up - shift
-        below = np.ceil(at) * down + missed_down - shift
-        borders[k, r] = np.int32(above if dy > 0.0 else -below)
-        a, b = spans[0, r] - np.int32(shift), spans[3, r] - np.int32(shift)
-        crossing[0, r] += int((b - 1 if dy > 0.0 else -1 - a) < borders[k, r])
-        crossing[1, r] += int((a if dy > 0.0 else -b) < borders[k, r])
+    """One border in the rows first to after - 1: ``line`` is its slope and offset, in cells."""
+    slope, offset = line
+    most = np.float64(_WIDEST)
+    for r in range(first, after):
+        at = np.floor(rows_up[r] * slope + offset) + to
+        borders[k, r] = np.int32(min(max(at, -most), most))
 
 
 @loop
-def fill_borders_in_lanes(
-    borders: Steps, k: int, rows: int, limits: Any, spans: Steps, crossing: Steps
+def fill_border_in_lanes(
+    borders: Shorts, k: int, first: int, after: int, rows_up: Floats, line: Any, to: Any
 ) -> None:
-    """The same, several rows at a time."""
-    lanes_of_borders(borders, np.int64(k), np.int64(rows), limits, spans, crossing)
+    """The same, several rows at a time; what it writes past the last row has room there."""
+    most = np.float64(_WIDEST)
+    lanes_of_border(borders, np.int64(k), np.int64(first), np.int64(after), rows_up, line, to, most)
 
 
-_fill_borders = fill_borders_in_lanes if WITH_LANES else fill_borders_plainly
+_fill_border = fill_border_in_lanes if WITH_LANES else fill_border_plainly
 
 
 @inlined_loop
-def _region_of(borders: Steps, r: int, crossing: Any, flip: Any, c: int) -> Any:
-    """The angular region of a cell."""
-    own: Any = np.int64(crossing[0])
-    column = np.int32(c) ^ flip
-    for k in range(crossing[0] + 1, crossing[1] + 1):
-        own = k if column < borders[k, r] else own
+def _region_of(borders: Shorts, r: int, flip: Any, column: int) -> Any:
+    """The angular region of a column: how many borders it lies beyond."""
+    own = 0
+    for k in range(1, borders.shape[0]):
+        own += int((column ^ flip) < borders[k, r])
     return own
 
 
 @inlined_loop
+def _loss(z: Any) -> Any:
+    """The steps that z = -factor * emptiness stands for."""
+    s = z * z
+    t = s * s
+    p = (s * _A5 + _A4) + t * _A6
+    p = (s * _A1 + _A0) + (s * _A3 + _A2) * t + p * (t * t)
+    return np.int32(np.rint(z * p))
+
+
+@loop
+def _with_room(factors: Singles) -> Singles:
+    """The same with zeros for at least a whole group of regions."""
+    wide = np.zeros((factors.shape[0], max(factors.shape[1], LANES)), np.float32)
+    wide[:, : factors.shape[1]] = factors
+    return wide
+
+
+@loop
+def _full_losses(factors: Singles) -> Steps:
+    """Those of each angular region where emptiness is 1, (S, A)."""
+    losses = np.empty(factors.shape, np.int32)
+    for s in range(factors.shape[0]):
+        for k in range(factors.shape[1]):
+            losses[s, k] = _loss(factors[s, k])
+    return losses
+
+
+@inlined_loop
+def _front_of(e0: float, e1: float) -> Front:
+    """Emptiness e0 + e1 rho, and squared distances up to which it is 1 for sure."""
+    full_m = (e0 - 1.0) / -e1 if e1 < 0.0 else np.inf
+    return np.float32(e0), np.float32(e1), np.float32(full_m * full_m * (1.0 - 1e-5))
+
+
+@inlined_loop
 def add_front_plainly(
-    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int,
-    crossing: Any, flip: Any, factors: Singles, f: int, g: int, e0: Any, e1: Any,
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Shorts, r: int,
+    flip: Any, start: Any, factors: Singles, full: Steps, f: int, g: int, front: Front,
 ) -> None:  # fmt: skip
-    """What the cells f to g - 1 of a row lose."""
+    """What the cells f to g - 1 of a row lose; ``full`` is that where emptiness is 1."""
+    e0, e1, _ = front
     for c in range(f, g):
         e = e0 + e1 * np.sqrt(square[c] + dy_squared)
         e = e if e < _UNIT else _UNIT
-        own = factors[_region_of(borders, r, crossing, flip, c)]
-        z = own * (e if e > _ZERO else _ZERO)
-        s = z * z
-        t = s * s
-        p = (s * _A5 + _A4) + t * _A6
-        p = (s * _A1 + _A0) + (s * _A3 + _A2) * t + p * (t * t)
-        total = np.int32(cells[row, c] + np.int32(np.rint(z * p * _SCALE)))
+        own = factors[_region_of(borders, r, flip, c - start)]
+        total = np.int32(cells[row, c] + _loss(own * (e if e > _ZERO else _ZERO)))
         total = total if total < HIGHEST else HIGHEST
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
 @inlined_loop
 def add_front_in_lanes(
-    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Steps, r: int,
-    crossing: Any, flip: Any, factors: Singles, f: int, g: int, e0: Any, e1: Any,
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Shorts, r: int,
+    flip: Any, start: Any, factors: Singles, full: Steps, f: int, g: int, front: Front,
 ) -> None:  # fmt: skip
     """The same, several cells at a time."""
     lanes_of_region_front(
-        cells, row, square, dy_squared, borders, r, crossing, flip, factors, np.int32(f),
-        np.int32(g), e0, e1,
-        (_A0, _A1, _A2, _A3, _A4, _A5, _A6), _SCALE, LOWEST,
+        cells, row, square, dy_squared, borders, r, flip, start, factors, full, np.int32(f),
+        np.int32(g), front, (_A0, _A1, _A2, _A3, _A4, _A5, _A6), LOWEST,
     )  # fmt: skip
 
 
 @inlined_loop
 def index_band_plainly(
-    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
-    bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
+    square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
+    start: Any, bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
 ) -> int:  # fmt: skip
     """Where the cells a to b - 1 of a row are in the table; how many are not sure."""
     last, doubtful = np.float32(bands - 1), 0
@@ -172,19 +213,19 @@ def index_band_plainly(
         at = np.sqrt(square[c] + dy_squared) * scale + offset
         doubtful += int(np.int32(abs(at - np.rint(at)) < unsure))
         at = min(np.floor(at), last)
-        own = _region_of(borders, r, crossing, flip, c)
+        own = _region_of(borders, r, flip, c - start)
         index[c] = np.int32(own * bands + np.int32(at if at > _ZERO else _ZERO))
     return doubtful
 
 
 @inlined_loop
 def index_band_in_lanes(
-    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
-    bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
+    square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
+    start: Any, bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
 ) -> Any:  # fmt: skip
     """The same, several cells at a time."""
     ends = np.int32(a), np.int32(b)
-    return lanes_of_region_band(square, dy_squared, borders, r, crossing, flip, np.int32(bands),
+    return lanes_of_region_band(square, dy_squared, borders, r, flip, start, np.int32(bands),
                                 ends[0], ends[1], scale, offset, unsure, index)  # fmt: skip
 
 
@@ -215,11 +256,11 @@ _add_table_row = add_table_row_in_lanes if WITH_LANES else add_table_row_plainly
 @inlined_loop
 def _add_band(
     cells: Steps, row: int, place: Place, beam: Beam, scales: tuple[Any, Any, Any],
-    square: Singles, dy_squared: Any, borders: Steps, r: int, crossing: Any, flip: Any,
-    a: int, b: int, bands: int, table: Steps, index: Steps,
+    square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
+    start: Any, a: int, b: int, bands: int, table: Steps, index: Steps,
 ) -> None:  # fmt: skip
     """What the cells a to b - 1 of a row gain."""
-    doubtful = _index_band(square, dy_squared, borders, r, crossing, flip, bands, a, b, scales[0],
+    doubtful = _index_band(square, dy_squared, borders, r, flip, start, bands, a, b, scales[0],
                            scales[1], scales[2], index)  # fmt: skip
     if doubtful > 0 and bands > 1:
         begin, depth = beam.front_limit, beam.limit - beam.front_limit
@@ -240,10 +281,10 @@ def _band_scales(beam: Beam, bands: int) -> tuple[Any, Any, Any]:
 
 
 @loop
-def _squares(first: int, count: int, step: int, size: float, to: float, square: Singles) -> None:
-    """((index + 0.5) size + to)^2 of the rows or columns first, first + step, ..."""
+def _squares(first: int, count: int, size: float, to: float, square: Singles) -> None:
+    """((index + 0.5) size + to)^2 of the columns first, first + 1, ..."""
     for k in range(count):
-        d = np.float32((np.float64(first + k * step) + 0.5) * size + to)
+        d = np.float32((np.float64(first + k) + 0.5) * size + to)
         square[k] = d * d
 
 
@@ -288,20 +329,20 @@ def _add_slowly(
 
 @loop
 def _add_rows(
-    cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, regions: int,
-    bands: int, factors: Singles, table: Steps, box: tuple[int, int, int, int], rows: int,
-    with_free: bool, square: Singles, row_square: Singles, index: Steps, borders: Steps,
-    crossing: Steps, spans: Steps,
+    cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, bands: int,
+    factors: Singles, full: Steps, table: Steps, box: tuple[int, int, int, int],
+    rows: int, with_free: bool, square: Singles, rows_up: Floats, index: Steps, borders: Shorts,
+    turns: Floats, spans: Steps,
 ) -> None:  # fmt: skip
     """Some rows of one beam."""
     row0, _row1, col0, col1 = box
     shift, size = place.col0, place.size_m
     start, end = (col0 - shift) // LANES * LANES, -((shift - col1) // LANES) * LANES
-    _squares(start + shift, end - start, np.int64(1), size, place.origin_x_m - beam.x,
-             square[start:end])  # fmt: skip
-    _squares(row0, rows, np.int64(1), size, place.origin_y_m - beam.y, row_square)
-    region_borders(beam, place, row0, np.int64(1), rows, regions, spans, borders, crossing)
-    f0, f1 = np.float32(e0), np.float32(e1)
+    _squares(start + shift, end - start, size, place.origin_x_m - beam.x, square[start:end])
+    for k in range(rows):
+        rows_up[k] = (np.float64(row0 + k) + 0.5) * size + (place.origin_y_m - beam.y)
+    region_borders(beam, place, start + shift, turns, rows, rows_up, borders)
+    front = _front_of(e0, e1)
     first = row0 - place.row0
     scales = _band_scales(beam, bands)
     mark_rows(seen, first, rows, shift, spans, with_free)
@@ -312,17 +353,30 @@ def _add_rows(
             spans[2, k] - shift,
             spans[3, k] - shift,
         )
-        row = first + k
-        is_above = (row0 + k + 0.5) * size + place.origin_y_m - beam.y > 0.0
-        flip, own = np.int32(0 if is_above else -1), (crossing[0, k], crossing[1, k])
+        if b <= a:
+            continue
+        row, up = first + k, np.float32(rows_up[k])
+        flip, row_square = np.int16(0 if rows_up[k] > 0.0 else -1), up * up
         if with_free and g > f:
             _add_front(
-                cells, row, square, row_square[k], borders, k, own, flip, factors, f, g, f0, f1
+                cells,
+                row,
+                square,
+                row_square,
+                borders,
+                k,
+                flip,
+                np.int32(start),
+                factors,
+                full,
+                f,
+                g,
+                front,
             )
         for begin, end in ((a, f), (g, b)):
             if end > begin:
-                _add_band(cells, row, place, beam, scales, square, row_square[k], borders, k, own,
-                          flip, begin, end, bands, table, index)  # fmt: skip
+                _add_band(cells, row, place, beam, scales, square, row_square, borders, k, flip,
+                          np.int32(start), begin, end, bands, table, index)  # fmt: skip
 
 
 @free_loop
@@ -340,11 +394,12 @@ def add_regions(
     (rows, cols), stride = observed.shape, cells.shape[1]
     regions, bands = tables.shape[1], tables.shape[2]
     index, square = np.empty(stride, np.int32), np.zeros(stride, np.float32)
-    row_square = np.empty(rows, np.float32)
+    factors = _with_room(factors)
+    full = _full_losses(factors)
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     widths = widths_of(sensors[:, HALF_WIDTH])
-    borders = np.empty((regions, doubt.size), np.int32)
-    crossing = np.empty((2, doubt.size), np.int32)
+    rows_up, borders = np.empty(doubt.size), np.empty((regions, doubt.size), np.int16)
+    turns = _border_turns(sensors[:, HALF_WIDTH], regions)
     seen = blank_seen(rows, cols, 0, 1)
     xs, ys, headings, ranges, fronts, bands_m, names = readings
     flat = tables.reshape(tables.shape[0], regions * bands)
@@ -359,6 +414,7 @@ def add_regions(
         with_free = sensors[name, LARGEST] > 0.0 and e0 > 0.0
         is_fast = beam.half <= WIDEST_RAD and sensors[name, LARGEST] <= SMALL_Z
         box, _, count = rows_of_band(beam, place, rows, cols, begin, end)
+        is_fast = is_fast and box[3] - box[2] + LANES < _WIDEST
         if beam.half <= WIDEST_RAD and count > 0:
             spans_of_rows(beam, place, box, 1, spans, doubt)
         point_row, point_col = obstacle_cell(beam, place, rows, cols, ranges[i], bands_m[i], begin,
@@ -368,8 +424,8 @@ def add_regions(
             _add_slowly(cells, seen, place, beam, e0, e1, regions, bands, own, table, box,
                         with_free)  # fmt: skip
         elif count > 0:
-            _add_rows(cells, seen, place, beam, e0, e1, regions, bands, own, table, box, count,
-                      with_free, square, row_square, index, borders, crossing, spans)  # fmt: skip
+            _add_rows(cells, seen, place, beam, e0, e1, bands, own, full[name], table, box, count,
+                      with_free, square, rows_up, index, borders, turns[name], spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]
             cells[point_row, point_col] = min(max(np.int32(before + hit), LOWEST), HIGHEST)

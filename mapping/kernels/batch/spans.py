@@ -278,17 +278,6 @@ _fill_spans = fill_spans_in_lanes if WITH_LANES else fill_spans_plainly
 
 
 @inlined_loop
-def rows_of_part(
-    beam: Beam, place: Place, rows: int, cols: int, part: int, parts: int
-) -> tuple[tuple[int, int, int, int], int, int]:
-    """The box of a beam from its first row of a part on; that row in the array, and how many."""
-    row0, row1, col0, col1 = box_of(beam, place, rows, cols)
-    row0 += (part - (row0 - place.row0)) % parts if parts > 1 else 0
-    count = (row1 - row0 + parts - 1) // parts if parts > 1 else row1 - row0
-    return (row0, row1, col0, col1), row0 - place.row0, count if col1 > col0 and count > 0 else 0
-
-
-@inlined_loop
 def rows_of_band(
     beam: Beam, place: Place, rows: int, cols: int, begin: int, end: int
 ) -> tuple[tuple[int, int, int, int], int, int]:
@@ -385,20 +374,3 @@ def _is_elsewhere(
     if beam.limit <= beam.front_limit or (beam.half <= WIDEST_RAD and is_whole):
         return False
     return not _lacks_band(beam, place, rows, cols, scratch)
-
-
-@loop
-def point_cell(
-    beam: Beam, place: Place, rows: int, cols: int, range_m: float, band_end_m: float, part: int,
-    parts: int, spans: Columns, count: int, scratch: tuple[Columns, Columns],
-) -> tuple[int, int]:  # fmt: skip
-    """The same for a part of every so-many-th row."""
-    if band_end_m < 0.0 or _is_in_spans(beam, spans, count):
-        return -1, -1
-    if surely_has_band(beam, place, rows, cols):
-        return -1, -1
-    row, col = _cell_at(beam, place, range_m)
-    if not (0 <= col < cols and 0 <= row < rows and row % parts == part):
-        return -1, -1
-    has_band = _is_elsewhere(beam, place, rows, cols, parts == 1, scratch)
-    return (-1, -1) if has_band else (row, col)

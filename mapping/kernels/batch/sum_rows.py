@@ -17,7 +17,7 @@ from mapping.kernels.batch.steps import LANES
 
 Floats = NDArray[np.float64]
 Columns = NDArray[np.int32]
-Rows = tuple[int, int, int, int]  # the first of a reading in the map, step, count, first of tiles
+Rows = tuple[int, int, int]  # of a reading the first in the map, how many, the first of tiles
 
 # Columns of the table of sensors; HIT, MISS and NEAR are those of `fading`, for `saturating`.
 HALF_WIDTH, FADE, WITH_FREE, HIT, MISS, NEAR = range(6)
@@ -65,17 +65,17 @@ def scratch_of(rows: int, cols: int) -> Scratch:
 
 @loop
 def measure(
-    squares: Floats, faded: Floats, bell: Floats, count: int, first: int, step: int, size: float,
+    squares: Floats, faded: Floats, bell: Floats, count: int, first: int, size: float,
     origin: float, sensor_m: float, fade_m: float, near: float,
 ) -> None:  # fmt: skip
-    """Of rows or columns first, first + step, ..., at (index + 0.5) size + origin."""
+    """Of rows or columns first, first + 1, ..., at (index + 0.5) size + origin."""
     per_fade = 1.0 / fade_m
     for k in range(count):
-        d = (first + k * step + 0.5) * size + origin - sensor_m
+        d = (first + k + 0.5) * size + origin - sensor_m
         squares[k], faded[k] = d * d, (d * per_fade) * (d * per_fade)
     if near > 0.0:
         for k in range(count):
-            d = (first + k * step + 0.5) * size + origin - sensor_m
+            d = (first + k + 0.5) * size + origin - sensor_m
             bell[k] = near * math.exp(-((d / NEAR_M) ** 2))
 
 
@@ -86,8 +86,8 @@ def add_saturating_plainly(
 ) -> None:  # fmt: skip
     """All rows of a reading, whose columns lie in ``of``."""
     with_free, miss = sensor[WITH_FREE] != 0.0, sensor[MISS]
-    for k in range(rows[2]):
-        row = rows[0] + k * rows[1]
+    for k in range(rows[1]):
+        row = rows[0] + k
         f, g = spans[1, k] - shift, spans[2, k] - shift
         for c in range(spans[0, k] - shift, spans[3, k] - shift):
             if not f <= c < g:
@@ -118,8 +118,8 @@ def add_pooled_plainly(
 ) -> None:  # fmt: skip
     """The same for `pooled`; ``squares`` are limits of squared distances."""
     with_free = sensor[WITH_FREE] != 0.0
-    for k in range(rows[2]):
-        row = rows[0] + k * rows[1]
+    for k in range(rows[1]):
+        row = rows[0] + k
         f, g = spans[1, k] - shift, spans[2, k] - shift
         for c in range(spans[0, k] - shift, spans[3, k] - shift):
             square = of.across[c] + of.down[k]
@@ -177,8 +177,8 @@ def empty_tiles(
 ) -> None:  # fmt: skip
     """Move what the tiles of some rows and of the columns col0 to col1 - 1 hold into the map."""
     lines = 2 if what == SATURATING else 5
-    for k in range(rows[2]):
-        row, own = rows[0] + k * rows[1], rows[3] + k
+    for k in range(rows[1]):
+        row, own = rows[0] + k, rows[2] + k
         for group in range(col0 // LANES, (col1 + LANES - 1) // LANES):
             tile = tiles[own, group * lines * LANES : (group + 1) * lines * LANES]
             for c in range(LANES):
@@ -198,13 +198,13 @@ def empty_tiles(
 
 
 @loop
-def empty_all(cells: Floats, tiles: Columns, what: int, seen: Bits, first: int, step: int) -> None:
+def empty_all(cells: Floats, tiles: Columns, what: int, seen: Bits, first: int) -> None:
     """Move all that the tiles hold into the map."""
     for k in range(seen.shape[0]):
         for word in range(seen.shape[1]):
             if seen[k, word] != 0:
                 last = min((word + 1) * 64, cells.shape[2])
-                empty_tiles(cells, tiles, what, (first + k * step, step, 1, k), word * 64, last)
+                empty_tiles(cells, tiles, what, (first + k, 1, k), word * 64, last)
 
 
 @loop

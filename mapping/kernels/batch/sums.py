@@ -23,10 +23,10 @@ from mapping.kernels.batch.spans import (
     WIDEST_RAD,
     Beam,
     beam_between,
-    box_of,
+    is_beyond,
+    obstacle_cell,
     part_of_beam,
-    point_cell,
-    rows_of_part,
+    rows_of_band,
     span_scratch,
     spans_of_rows,
     widths_of,
@@ -81,6 +81,8 @@ from mapping.kernels.batch.sum_rows import (
 Flags = NDArray[np.bool_]
 
 _WORTH = 1024  # cells of the map for each reading: for fewer readings tiles are not worth it
+_BLOCK_CELLS = 60_000  # whose tiles, 20 bytes each, stay in the second cache
+_LEAST_ROWS = 64  # a block of fewer would cut most beams in pieces
 
 
 @loop
@@ -137,11 +139,11 @@ def _cell(
 @loop
 def _add_wide(
     cells: Floats, what: int, seen: Bits, place: Place, beam: Beam, sensor: Floats,
-    reading: Floats, limits: Floats, box: tuple[int, int, int, int], parts: int, low: int,
+    reading: Floats, limits: Floats, box: tuple[int, int, int, int], low: int,
 ) -> None:  # fmt: skip
     """A beam of 180 degrees and more, each cell looked at on its own."""
     row0, row1, col0, col1 = box
-    for row in range(row0, row1, parts):
+    for row in range(row0, row1):
         dy, own = (row + 0.5) * place.size_m + place.origin_y_m - beam.y, row - place.row0
         for col in range(col0, col1):
             c, dx = col - place.col0, (col + 0.5) * place.size_m + place.origin_x_m - beam.x
@@ -149,7 +151,7 @@ def _add_wide(
             if found == OUTSIDE:
                 continue
             g = c + 1 if found == FRONT else c
-            mark(seen, own // parts - low, c, c, g, c + 1, sensor[WITH_FREE] != 0.0)
+            mark(seen, own - low, c, c, g, c + 1, sensor[WITH_FREE] != 0.0)
             _cell(cells, what, own, c, found == FRONT, dx, dy, sensor, reading, limits)
 
 
@@ -163,10 +165,10 @@ def _add_wedge(
     size, shift, fade_m = place.size_m, place.col0, sensor[FADE]
     near = sensor[MISS] * sensor[NEAR] if what == SATURATING else 0.0
     first, count = box[2] - shift, box[3] - box[2]
-    measure(of.across[first:], of.faded_across[first:], of.bell[first:], count, box[2], 1, size,
-             place.origin_x_m, beam.x, fade_m, 1.0 if near > 0.0 else 0.0)  # fmt: skip
-    measure(of.down, of.faded_down, of.row_bell, rows[2], rows[0] + place.row0, rows[1], size,
-             place.origin_y_m, beam.y, fade_m, near)  # fmt: skip
+    measure(of.across[first:], of.faded_across[first:], of.bell[first:], count, box[2], size,
+            place.origin_x_m, beam.x, fade_m, 1.0 if near > 0.0 else 0.0)  # fmt: skip
+    measure(of.down, of.faded_down, of.row_bell, rows[1], box[0], size, place.origin_y_m, beam.y,
+            fade_m, near)  # fmt: skip
     if what == POOLED:
         squares[FROM] = square_from(np.nextafter(reading[LAST], math.inf))
         squares[END] = square_from(np.nextafter(reading[ARC_END], math.inf))
@@ -216,72 +218,88 @@ def _describe(
 
 @loop
 def _rows_met(
-    readings: Readings, place: Place, widths: Floats, rows: int, cols: int, part: int, parts: int
+    readings: Readings, place: Place, widths: Floats, rows: int, cols: int, begin: int, end: int
 ) -> tuple[int, int]:
-    """The first row of a part, and the row after the last, that any reading may change."""
-    mine = (rows - part + parts - 1) // parts
-    low, high = mine, 0
+    """The first row of a band of rows, and the row after the last, that any reading may change."""
+    low, high = end, begin
     for i in range(readings.x_m.size):
+        reach = max(readings.front_end_m[i], readings.band_end_m[i])
+        if is_beyond(readings.y_m[i], reach, place, begin, end):
+            continue
         beam = beam_between(
             readings.x_m[i], readings.y_m[i], readings.heading_rad[i], readings.front_end_m[i],
             readings.band_end_m[i], widths, readings.sensor[i],
         )  # fmt: skip
-        row0, row1, _col0, _col1 = box_of(beam, place, rows, cols)
-        low = min(low, (row0 - place.row0) // parts - 1)  # an obstacle's cell may lie beside
-        high = max(high, (row1 - place.row0) // parts + 2)
-    low = max(min(low, mine), 0)
-    return low, max(min(high, mine), low)
+        _box, first, count = rows_of_band(beam, place, rows, cols, begin, end)
+        low, high = min(low, first - 1), max(high, first + count + 1)  # an obstacle's cell beside
+    low = max(low, begin)
+    return low, max(min(high, end), low)
+
+
+@loop
+def _add_block(
+    cells: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats,
+    limits: Floats, what: int, is_tiled: bool, begin: int, end: int,
+) -> None:  # fmt: skip
+    """Add readings to the rows begin to end - 1 of a map, of which tiles stay in the cache."""
+    (rows, cols), lines = observed.shape, 2 if what == SATURATING else 5
+    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    widths = widths_of(sensors[:, HALF_WIDTH])
+    seen = np.zeros((end - begin, cols // 64 + 1), np.uint64)  # from row ``begin`` on, as the tiles
+    of, squares, reading = scratch_of(rows, cols), squares_of(limits), np.empty(4)
+    kept, small = np.empty(cells.shape[0]), np.zeros(lines, np.int32)
+    xs, ys, headings, ranges, fronts, bands, names = readings
+    tiles = np.zeros((end - begin if is_tiled else 0, cells.shape[2] * lines), np.int32)
+    for i in range(xs.size):
+        if is_beyond(ys[i], max(fronts[i], bands[i]), place, begin, end):
+            continue
+        sensor, full = sensors[names[i]], 0
+        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
+        box, first, count = rows_of_band(beam, place, rows, cols, begin, end)
+        _describe(reading, what, sensor, ranges[i], bands[i], place.size_m, limits)
+        if count > 0 and beam.half <= WIDEST_RAD:
+            spans_of_rows(beam, place, box, 1, spans, doubt)
+        row, col = obstacle_cell(beam, place, rows, cols, ranges[i], bands[i], begin, end, spans,
+                                 count, spare)  # fmt: skip
+        rows_of = first, count, first - begin
+        if row >= 0:
+            _cell_of(cells, tiles, row - begin, row, col, kept, small, False)
+        if count > 0 and beam.half > WIDEST_RAD:
+            _add_wide(cells, what, seen, place, beam, sensor, reading, limits, box, begin)
+        elif count > 0:
+            mark_rows(seen, first - begin, count, place.col0, spans, sensor[WITH_FREE] != 0.0)
+            full = _add_wedge(cells, tiles, what, place, beam, sensor, reading, box, rows_of, spans,
+                              of, squares)  # fmt: skip
+        if row >= 0:  # the obstacle's cell is the band, whatever ran through it
+            _cell_of(cells, tiles, row - begin, row, col, kept, small, True)
+            dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
+            dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
+            _cell(cells, what, row, col, False, dx, dy, sensor, reading, limits)
+            mark(seen, row - begin, col, col, col, col + 1, True)
+        if full != 0:
+            empty_tiles(cells, tiles, what, rows_of, box[2] - place.col0, box[3] - place.col0)
+    if is_tiled:
+        empty_all(cells, tiles, what, seen, begin)
+    mark_seen(seen, observed[begin:end], 0, 1)
 
 
 @free_loop
 def add_sums(
     cells: Floats, observed: Flags, place: Place, readings: Readings, sensors: Floats,
-    limits: Floats, what: int, part: int, parts: int,
+    limits: Floats, what: int, begin: int, end: int,
 ) -> None:  # fmt: skip
-    """Add readings, in their order, to the rows part, part + parts, ... of a map.
+    """Add readings, in their order, to the rows begin to end - 1 of a map.
 
     ``cells`` (2 or 8, rows, a multiple of ``LANES``) are the arrays of the rule ``what``,
     SATURATING or POOLED, in its order; ``observed`` (rows, cols) gets the cells of which anything
     was said. ``sensors`` (S, 6) and ``limits`` (6,) hold what is named above.
     """
-    (rows, cols), lines = observed.shape, 2 if what == SATURATING else 5
-    (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
+    rows, cols = observed.shape
     widths = widths_of(sensors[:, HALF_WIDTH])
-    low, high = _rows_met(readings, place, widths, rows, cols, part, parts)
-    seen = np.zeros((high - low, cols // 64 + 1), np.uint64)  # from row ``low`` of the part on
-    of, squares, reading = scratch_of(rows, cols), squares_of(limits), np.empty(4)
-    kept, small = np.empty(cells.shape[0]), np.zeros(lines, np.int32)
-    xs, ys, headings, ranges, fronts, bands, names = readings
-    tiled = high - low if xs.size * _WORTH >= seen.shape[0] * cols else 0
-    tiles = np.zeros((tiled, cells.shape[2] * lines), np.int32)
-    for i in range(xs.size):
-        sensor, full = sensors[names[i]], 0
-        beam = beam_between(xs[i], ys[i], headings[i], fronts[i], bands[i], widths, names[i])
-        box, first, count = rows_of_part(beam, place, rows, cols, part, parts)
-        _describe(reading, what, sensor, ranges[i], bands[i], place.size_m, limits)
-        if count > 0 and beam.half <= WIDEST_RAD:
-            spans_of_rows(beam, place, box, parts, spans, doubt)
-        row, col = point_cell(beam, place, rows, cols, ranges[i], bands[i], part, parts, spans,
-                              count, spare)  # fmt: skip
-        if row >= 0:
-            _cell_of(cells, tiles, row // parts - low, row, col, kept, small, False)
-        if count > 0 and beam.half > WIDEST_RAD:
-            _add_wide(cells, what, seen, place, beam, sensor, reading, limits, box, parts, low)
-        elif count > 0:
-            free = sensor[WITH_FREE] != 0.0
-            mark_rows(seen, first // parts - low, count, place.col0, spans, free)
-            full = _add_wedge(cells, tiles, what, place, beam, sensor, reading, box,
-                              (first, parts, count, first // parts - low), spans, of,
-                              squares)  # fmt: skip
-        if row >= 0:  # the obstacle's cell is the band, whatever ran through it
-            _cell_of(cells, tiles, row // parts - low, row, col, kept, small, True)
-            dx = (col + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
-            dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
-            _cell(cells, what, row, col, False, dx, dy, sensor, reading, limits)
-            mark(seen, row // parts - low, col, col, col, col + 1, True)
-        if full != 0:
-            rows_of = first, parts, count, first // parts - low
-            empty_tiles(cells, tiles, what, rows_of, box[2] - place.col0, box[3] - place.col0)
-    if tiled:
-        empty_all(cells, tiles, what, seen, part + low * parts, parts)
-    mark_seen(seen, observed, part + low * parts, parts)
+    low, high = _rows_met(readings, place, widths, rows, cols, begin, end)
+    is_tiled = readings.x_m.size * _WORTH >= (high - low) * cols
+    at_once = max(_BLOCK_CELLS // cells.shape[2], _LEAST_ROWS)
+    blocks = (high - low + at_once - 1) // at_once if is_tiled else 1
+    for n in range(blocks):
+        first, after = low + (high - low) * n // blocks, low + (high - low) * (n + 1) // blocks
+        _add_block(cells, observed, place, readings, sensors, limits, what, is_tiled, first, after)
