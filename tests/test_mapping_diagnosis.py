@@ -34,6 +34,7 @@ from mapping.diagnosis.hypothesis import (
     yaw_of,
 )
 from mapping.diagnosis.own_walls import expected_echoes
+from mapping.diagnosis.patches import Points, find_patches
 from mapping.diagnosis.pose_quality import heading_noise_rad, is_rough, jumps, relocations
 from mapping.diagnosis.pruning import needed
 from mapping.diagnosis.slopes import Met, differences, slopes
@@ -143,6 +144,30 @@ def test_walls_tell_how_a_thin_beam_is_turned(yaw_deg: float, y_m: float, scale:
     found = fit(twisted.beams(["dirrs"]), [number], known)
     assert not found.failed
     assert math.degrees(found.value(number)) == pytest.approx(-yaw_deg, abs=1.0)
+
+
+def test_no_point_counts_whose_beam_may_have_met_another_wall() -> None:
+    """At a corner of two walls of one square, however the noise falls; elsewhere points count."""
+    rng = np.random.default_rng(3)
+    start = rng.uniform([-0.9, -0.9], [-0.3, -0.3], (400, 2))
+    aim = np.where(rng.random(400)[:, None] < 0.5, 1.0, 0.0)
+    along = rng.uniform(-0.4, 0.0, 400)
+    at_m = np.where(aim > 0.5, np.column_stack([np.zeros(400), along]),
+                    np.column_stack([along, np.zeros(400)]))  # fmt: skip
+    way = at_m - start
+    range_m = np.hypot(*way.T)
+    heading_rad = np.arctan2(way[:, 1], way[:, 0])
+    measured_m = range_m * (1.0 + 0.01 * rng.standard_normal(400))
+    at_m = start + (measured_m / range_m)[:, None] * way
+    row, spread_m = np.arange(400), np.full(400, 0.01)
+    points = Points(row, row, at_m + 0.45, heading_rad, measured_m, spread_m, np.full(400, 9.0),
+                    np.zeros(400, np.int64))  # fmt: skip
+    patches = find_patches(points)
+    used = patches.weight > 0
+    of_other = (np.abs(patches.normal[:, 0]) > 0.7) != (aim[:, 0] > 0.5)
+    assert patches.weight[of_other].sum() < 1e-3 * patches.weight.sum()
+    assert not used[np.abs(along) < 0.02].any()
+    assert used[np.abs(along) > 0.25].mean() > 0.9
 
 
 @pytest.mark.parametrize("number", [offset_of_poses(), yaw_of("dirrs"), y_of("dirrs")])
