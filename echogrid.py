@@ -6,7 +6,7 @@ heavy is imported here; each command imports what it needs when it runs.
 
 from __future__ import annotations
 
-from recorder import startup  # noqa: F401 - first: it heeds Ctrl-C while the rest is imported
+from recorder import startup  # first: it heeds Ctrl-C while the rest is imported
 
 # isort: split
 import gc
@@ -67,7 +67,7 @@ class _FirstRun:
 def _rarely_collected() -> Iterator[None]:
     """What is imported stays: to look through it for garbage is a sixth of the start."""
     before = gc.get_threshold()
-    gc.set_threshold(50_000, *before[1:])
+    gc.set_threshold(startup.SELDOM, *before[1:])
     try:
         yield
     finally:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +41,8 @@ class Fault:
     too long. ``beam``: how many times as wide as stated. ``swap``: two channels under each other's
     names from then on. ``stuck``: repeats itself for 20 s from then on. ``talk``: a share.
     ``heading``: headings are so much too large; ``turning``, ``wandering``: headings or
-    places drift by so much a second. ``random``: a share of ranges that are any.
+    places drift by so much a second. ``random``: a share of ranges that are any. ``noisy``: each
+    heading is off by that, and each place by 1 cm. ``dead``: says nothing for 20 s from then on.
     """
 
     kind: str
@@ -88,13 +90,16 @@ class Fault:
 _CAUSES = {
     "late": "pose-time", "yaw": "mount", "ahead": "mount", "left": "mount", "scale": "range",
     "bias": "range", "beam": "beam", "swap": "channels", "stuck": "silence", "talk": "cross-talk",
-    "heading": "heading", "turning": "drift", "wandering": "drift", "random": "far-echoes",
+    "heading": "heading", "turning": "drift", "wandering": "drift", "random": "wrong-echoes",
+    "noisy": "poses", "dead": "silence",
 }  # fmt: skip
 _UNITS = {"yaw": "rad", "ahead": "m", "left": "m", "scale": "times", "bias": "m", "beam": "times",
-          "heading": "rad", "turning": "rad/s", "wandering": "m/s", "random": "m"}  # fmt: skip
+          "heading": "rad", "turning": "rad/s", "wandering": "m/s", "random": "share",
+          "noisy": "rad"}  # fmt: skip
 _WITHIN = {
     "late": TEN_MS, "yaw": ONE_DEG, "ahead": FIVE_MM, "left": FIVE_MM, "scale": HALF_PERCENT,
-    "bias": FIVE_MM, "swap": SWAP_WITHIN_S, "heading": ONE_DEG, "turning": 0.3 * ONE_DEG / 60.0,
+    "bias": FIVE_MM, "swap": SWAP_WITHIN_S, "heading": ONE_DEG, "noisy": ONE_DEG,
+    "turning": 0.3 * ONE_DEG / 60.0,
 }  # fmt: skip
 Faults = tuple[Fault, ...]
 
@@ -146,6 +151,10 @@ def _bent(seed: int) -> float:
     return 5.0 * ONE_DEG * _sign(seed)
 
 
+def _noisy(seed: int) -> float:
+    return 5.0 * ONE_DEG
+
+
 PLANTED = (
     Planted("none", lambda seed: ()),
     Planted("poses 50 to 200 ms late or early", _one("late", "", _delay)),
@@ -174,6 +183,9 @@ PLANTED = (
             _one("turning", "", lambda seed: 2.0 * ONE_DEG / 60.0 * _sign(seed)), recorded=False),
     Planted("places drift by 5 cm a minute", _one("wandering", "", lambda seed: 0.05 / 60.0),
             recorded=False),
+    Planted("each heading 5 degrees off, each place 1 cm", _one("noisy", "", _noisy),
+            recorded=False),
+    Planted("infrared dead for 20 s", _one("dead", "dirrs", lambda seed: 60.0)),
     Planted("half of the sonar's ranges at random", _one("random", "ping", lambda seed: 0.5),
             recorded=False),
     Planted("late and infrared turned", lambda seed: (
@@ -211,11 +223,20 @@ def simulated(planted: Planted, seed: int, duration_s: float) -> HasBlocks:
         faults=_as_run(faults), mounts=planted.mounts,
     )  # fmt: skip
     records = [Record(topic_of(message), log_ns, message) for log_ns, message in run]
+    dead = [each for each in faults if each.kind == "dead"]
+    records = [each for each in records if not any(map(partial(_is_lost, records[0], each), dead))]
     swap = next((each for each in faults if each.kind == "swap"), None)
     if swap is not None:
         first_ns = records[0].log_ns + round(swap.amount * 1e9)
         records = [_swapped(each) if each.log_ns > first_ns else each for each in records]
     return Kept(list(blocks_of(records)))
+
+
+def _is_lost(first: Record, record: Record, fault: Fault) -> bool:
+    """Whether a record is a range of the sensor that is dead then."""
+    since_s = (record.log_ns - first.log_ns) * 1e-9 - fault.amount
+    mine = isinstance(record.message, Range) and record.message.sensor == fault.sensor
+    return mine and 0.0 <= since_s < 20.0
 
 
 def _swapped(record: Record) -> Record:
@@ -243,6 +264,8 @@ def _as_run(faults: Faults) -> RunFaults:
                 run = replace(run, pose_drift_degpmin=60.0 * math.degrees(each.amount))
             case "wandering":
                 run = replace(run, pose_drift_mpmin=60.0 * each.amount)
+            case "noisy":
+                run = replace(run, pose_noise_m=0.01, pose_noise_deg=math.degrees(each.amount))
             case "random":
                 sensors[name] = replace(mine, random=each.amount)
             case "yaw" | "ahead" | "left":
@@ -304,6 +327,9 @@ def _spoiled(
             max_range_m=its.max_range_m[many], radiation=its.radiation[many],
         )  # fmt: skip
     elif isinstance(columns, RangeColumns) and columns.sensor == fault.sensor:
+        if fault.kind == "dead":
+            late_ns = columns.t_ns - from_ns
+            columns = columns[(late_ns < 0) | (late_ns >= 20_000_000_000)]
         yield _read(columns, fault, from_ns, last)
     else:
         yield columns

@@ -1,14 +1,16 @@
 """Size and speed of recordings, as a table: ``python benchmarks/rrd.py [OPTIONS] [RUN...]``.
 
-A run is READINGS:COLSxROWS:MB, the last the budget; those of ``docs/recording-size.md``
+A run is READINGS:COLSxROWS:MB[:RULE], MB the budget; those of ``docs/recording-size.md``
 by default. Each is written by a process of its own: a robot circles in an empty rectangle, a wide
-sonar and a narrow infrared ranger read in turn, at 1 cm. ``written`` is the time spent in the
-writer alone, ``memory`` the most that the process took, ``grid`` how long the last whole grid takes
-to be read back. With ``--viewer`` also how long the viewer takes, without a window, to its first
+sonar and a narrow infrared ranger read in turn, at 1 cm. With a RULE of the sonar's they are mapped
+as any session is (the infrared sensor by its default); without one, by a plain model in log-odds
+beside the mapping. ``written`` is the time spent in the writer alone (``processor``: in all its
+threads), ``memory`` the most that the process took, ``grid`` how long the last whole grid takes to
+be read back. With ``--viewer`` also how long the viewer takes, without a window, to its first
 picture, and for a jump to a far step until nothing in its picture changes any more: it draws first
 what it has loaded, and the rest follows. ``--small`` opens a window of 700 x 440 points instead of
-1600 x 1000. ``picture`` is how long it takes just to
-draw the same picture again, which a processor does slowly: it is part of each jump.
+1600 x 1000. ``picture`` is how long it takes just to draw the same picture again, which a processor
+does slowly: it is part of each jump.
 
 ``--kinds`` adds what each kind of thing takes of each file.
 """
@@ -16,6 +18,7 @@ draw the same picture again, which a processor does slowly: it is part of each j
 from __future__ import annotations
 
 import json
+import math
 import re
 import resource
 import struct
@@ -31,17 +34,24 @@ import pyarrow as pa
 
 sys.path[:0] = [str(Path(__file__).parents[1]), str(Path(__file__).parents[1] / "tests")]
 
-from made_run import MadeRun  # noqa: E402
+from made_run import FIRST_T_NS, MOUNT, MadeRun  # noqa: E402
 
 from mapping.artifacts import Artifact  # noqa: E402
+from mapping.config import validate  # noqa: E402
 from mapping.grid import GridGeometry  # noqa: E402
+from mapping.pipeline import build_maps  # noqa: E402
+from recorder.messages import BASE_FRAME, Message, Pose, Range, Transform  # noqa: E402
+from recorder.sensors import CATALOGUE  # noqa: E402
 from replay.rrd.claims import varint  # noqa: E402
 from replay.rrd.headless import HeadlessViewer  # noqa: E402
 from replay.rrd.reader import read_rrd  # noqa: E402
 from replay.rrd.run_drawer import RunDrawer  # noqa: E402
 from replay.rrd.writer import RrdWriter  # noqa: E402
 
-RUNS = ("1000:600x400:100", "10000:600x400:100", "10000:600x400:40", "2000:4000x4000:100")
+RUNS = (
+    "1000:600x400:100", "10000:600x400:100", "10000:600x400:100:pooled", "10000:600x400:100:bayes",
+    "10000:600x400:40", "2000:4000x4000:100",
+)  # fmt: skip
 LONGEST_M = 3.0
 JUMPS = (0.9, 0.2, 0.6, 0.60001, 0.3, 0.75)  # parts of the recording, one after the other
 LARGE, SMALL = (1600, 1000), (700, 440)  # windows
@@ -51,15 +61,17 @@ NOTICES_S = 8.0  # until those that the viewer greets with are gone
 
 def measure(run: str, viewer: bool) -> dict[str, str]:
     """One row of the table."""
-    readings, shape, budget = run.split(":")
+    readings, shape, budget, *rules = run.split(":")
     cols, rows = (int(number) for number in shape.split("x"))
     made = MadeRun(
         GridGeometry((0.0, 0.0), 0.01, rows, cols), readings=int(readings), longest_m=LONGEST_M
     )
-    row = {"readings": readings, "cells": f"{cols} x {rows}", "budget MB": budget}
+    rule = rules[0] if rules else "made up"
+    row = {"readings": readings, "cells": f"{cols} x {rows}", "rule": rule, "budget MB": budget}
+    artifacts = mapped(made, rule) if rules else made.artifacts()
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "benchmark.rrd"
-        wall, processor, writer = write(made, path, float(budget))
+        wall, processor, writer = write(artifacts, path, float(budget))
         memory_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         row["size MB"] = f"{path.stat().st_size / 1e6:.1f}"
         row["written s"] = f"{wall:.1f}"
@@ -76,19 +88,48 @@ def measure(run: str, viewer: bool) -> dict[str, str]:
     return row
 
 
-def write(run: MadeRun, path: Path, budget_mb: float) -> tuple[float, float, RrdWriter[Artifact]]:
-    """Write the run; seconds in the writer alone, by the clock and of the processor."""
-    wall = processor = 0.0
-    writer = RrdWriter(path, RunDrawer(), name="benchmark", budget_mb=budget_mb)
-    with writer:
-        for artifact in run.artifacts():
-            start = time.perf_counter(), time.process_time()
+def mapped(run: MadeRun, rule: str) -> Iterator[Artifact]:
+    """The same readings as a session, mapped with a rule of the sonar's."""
+    geometry = run.geometry
+    settings = {
+        "sensors": {"ping": {"update": rule}},
+        "grid": {"origin_m": geometry.origin_m, "size_m": geometry.size_m,
+                 "resolution_m": geometry.resolution_m},
+    }  # fmt: skip
+    return build_maps(list(messages(run)), validate(settings), walls_m=run.walls_m)
+
+
+def messages(run: MadeRun) -> Iterator[Message]:
+    """A pose and a reading at each step; both sensors sit where the run has them."""
+    for name, _ in run.sensors:
+        yield Transform(FIRST_T_NS, BASE_FRAME, name, MOUNT)
+    widths_deg = dict(run.sensors)
+    for number in range(run.readings):
+        beam = run.beam(number)
+        yield Pose(beam.t_ns, beam.world_from_base)
+        kind = CATALOGUE[beam.sensor]
+        yield Range(
+            beam.t_ns, beam.sensor, float(beam.ranges_m[0]), math.radians(widths_deg[beam.sensor]),
+            0.02, beam.reach_m, kind.radiation,
+        )  # fmt: skip
+
+
+def write(
+    artifacts: Iterator[Artifact], path: Path, budget_mb: float
+) -> tuple[float, float, RrdWriter[Artifact]]:
+    """Write a run; seconds in the writer alone, by the clock and of the processor."""
+    start, making = (time.perf_counter(), time.process_time()), [0.0, 0.0]
+    with RrdWriter(path, RunDrawer(), name="benchmark", budget_mb=budget_mb) as writer:
+        while True:
+            before = time.perf_counter(), time.thread_time()
+            artifact = next(artifacts, None)
+            making[0] += time.perf_counter() - before[0]
+            making[1] += time.thread_time() - before[1]
+            if artifact is None:
+                break
             writer(artifact)
-            wall += time.perf_counter() - start[0]
-            processor += time.process_time() - start[1]
-        start = time.perf_counter(), time.process_time()
-    wall += time.perf_counter() - start[0]
-    return wall, processor + time.process_time() - start[1], writer
+    wall, processor = time.perf_counter() - start[0], time.process_time() - start[1]
+    return wall - making[0], processor - making[1], writer
 
 
 KINDS = (

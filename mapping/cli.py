@@ -131,7 +131,7 @@ _QUICK = 100_000  # messages: of more `info` would take noticeably longer
 def _worst(file: Path) -> str:
     """What a map of the session would suffer from most, as ``map`` names it."""
     from mapping.config import load_config
-    from mapping.diagnosis.diagnosing import worst_line
+    from mapping.diagnosis.first_sight import worst_line
     from mapping.placed_session import place_session
     from recorder.errors import BadInput
     from recorder.session.columns import open_session

@@ -42,6 +42,7 @@ from recorder.columns import (
 )
 from recorder.errors import BadInput
 from recorder.messages import Message, Record, topic_of
+from recorder.numbers import distinct
 from recorder.sources import Survey
 
 KEPT_BYTES = 256 << 20
@@ -287,7 +288,7 @@ def laid_on(odometry: MotionTrack, tracker: MotionTrack) -> MotionTrack:
     At the first time that both know: ``world_from_odom = world_from_base @ odom_from_base⁻¹``.
     Raises BadInput where the two have no time in common.
     """
-    times = np.unique(np.concatenate([odometry.t_ns, tracker.t_ns]))
+    times = distinct(np.concatenate([odometry.t_ns, tracker.t_ns]))
     (world, seen), (odom, reckoned) = tracker.at(times), odometry.at(times)
     both = np.flatnonzero(seen & reckoned)
     if not len(both):

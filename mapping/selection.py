@@ -30,6 +30,7 @@ from recorder.columns import (
 )
 from recorder.frame_links import FrameLinks, Link
 from recorder.messages import BASE_FRAME, HEAD_FRAME, Message, Record
+from recorder.numbers import distinct, median
 from recorder.sources import (
     FULL_TURN_RAD,
     TF,
@@ -140,7 +141,7 @@ class Selection:
         found = MotionGatherer(self._gap_ns)
         found.take(Block(tuple(chain.from_iterable(columns))))
         used = (self._survey.readings[key] for key in self.sources.names)
-        t_ns = np.unique(np.concatenate([t for source in used for t in source.times]))
+        t_ns = distinct(np.concatenate([t for source in used for t in source.times]))
         motions, known = found.frames().base_from(_ROBOT, t_ns - self._offset_ns)
         motions, t_ns = motions[known], t_ns[known]
         row = np.arange(len(t_ns))
@@ -280,5 +281,5 @@ def _gap_s(links: FrameLinks, frame: str) -> float:
     link = links.links.get(frame)
     if link is None or not link.moves:
         return 0.0
-    t_ns = np.unique(np.concatenate([each.t_ns for each in link.columns]))
-    return float(np.median(np.diff(t_ns))) / NS_PER_S if len(t_ns) > 1 else 0.0
+    t_ns = distinct(np.concatenate([each.t_ns for each in link.columns]))
+    return median(np.diff(t_ns)) / NS_PER_S if len(t_ns) > 1 else 0.0

@@ -11,11 +11,9 @@ from __future__ import annotations
 import atexit
 import contextlib
 import errno
-import hashlib
 import math
 import os
 import re
-import secrets
 import shutil
 import stat
 import sys
@@ -193,7 +191,7 @@ def open_live(path: Path, *, force: bool) -> int:
 def _create_beside(path: Path) -> tuple[Path, int]:
     """A new, empty file that only we may open, under a name that cannot be known before."""
     while True:
-        part = path.with_name(f"{_stem(path)}{secrets.token_hex(_TOKEN_BYTES)}{PART}")
+        part = path.with_name(f"{_stem(path)}{os.urandom(_TOKEN_BYTES).hex()}{PART}")
         _unfinished[part] = os.getpid()  # first, so that a signal leaves nothing behind
         try:
             return part, os.open(part, _CREATE, 0o600)
@@ -208,7 +206,11 @@ def _stem(path: Path) -> str:
     """What the private names of ``path`` begin with: short enough for any file system."""
     longest = _LONGEST_NAME_BYTES - 2 * _TOKEN_BYTES - len(PART) - 1
     name = os.fsencode(path.name)
-    return f"{path.name if len(name) <= longest else hashlib.sha256(name).hexdigest()[:32]}."
+    if len(name) <= longest:
+        return f"{path.name}."
+    from hashlib import sha256  # of a hundredth of a start
+
+    return f"{sha256(name).hexdigest()[:32]}."
 
 
 def _refuse_second_writer(path: Path) -> None:

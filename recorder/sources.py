@@ -26,6 +26,7 @@ from recorder.errors import BadInput
 from recorder.frame_links import BASES, FrameLinks, basename
 from recorder.messages import Range, Scan
 from recorder.names import nearest, printable
+from recorder.numbers import distinct, median
 
 TF = "/tf"
 OWN_POSES = "/pose"
@@ -67,8 +68,8 @@ class PoseTopic:
     @property
     def gap_s(self) -> float:
         """The usual time between two of them."""
-        t_ns = np.unique(np.concatenate([each.t_ns for each in self.columns]))
-        return float(np.median(np.diff(t_ns))) / NS_PER_S if len(t_ns) > 1 else 0.0
+        t_ns = distinct(np.concatenate([each.t_ns for each in self.columns]))
+        return median(np.diff(t_ns)) / NS_PER_S if len(t_ns) > 1 else 0.0
 
     @property
     def notes(self) -> Iterator[str]:

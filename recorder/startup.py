@@ -2,14 +2,17 @@
 
 Only where the program is ``echogrid``; who merely imports it keeps their own ways. It needs nothing
 that Python has not loaded already, so that no moment is left in which a traceback would show.
+Nor is what is being imported looked through for garbage: it stays.
 """
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
 _signal = __import__("_signal")  # what `signal` is made of, and there at once
+SELDOM = 200_000  # objects, which is more than a start makes, between two looks for garbage
 _ENDING = ("SIGINT", "SIGTERM", "SIGHUP")  # not every system has them all
 ENDING = tuple(int(getattr(_signal, name)) for name in _ENDING if hasattr(_signal, name))
 
@@ -29,5 +32,6 @@ def not_ignored() -> list[int]:
 
 
 if os.path.splitext(os.path.basename(sys.argv[0] if sys.argv else ""))[0] == "echogrid":
+    gc.set_threshold(SELDOM, *gc.get_threshold()[1:])
     for _number in not_ignored():
         _signal.signal(_number, end_now)

@@ -108,7 +108,7 @@ def map_session(
 
         layers = [snapshot.layer for snapshot in collector.snapshots.values()]
         write_bag(bag, layers, poses, force=force)
-    from mapping.diagnosis.diagnosing import worst_line
+    from mapping.diagnosis.first_sight import worst_line
 
     left_out = "" if writer is None else writer.left_out
     notes = (*session.notes, *filter(None, [worst_line(placed, config)]))

@@ -32,6 +32,7 @@ from recorder.geometry import SE2
 FIRST_T_NS = 1_700_000_000_000_000_000
 STEP_NS = 50_000_000  # 20 readings a second
 WALL_BAND = 0.05
+MOUNT = SE2(0.04, 0.0, 0.0)
 SMALL_GRID = GridGeometry((-0.2, -0.3), 0.02, 90, 120)
 
 
@@ -104,7 +105,7 @@ class MadeRun:
         around = 2 * math.pi * number / max(self.readings, 60)
         x, y = centre + radius * [math.cos(around), math.sin(around)]
         base = SE2(float(x), float(y), self.turn_rad * number % (2 * math.pi) - math.pi)
-        sensor = base @ SE2(0.04, 0.0, 0.0)
+        sensor = base @ MOUNT
         return Beam(
             number=number,
             t_ns=FIRST_T_NS + number * STEP_NS,

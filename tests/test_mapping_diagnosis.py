@@ -15,9 +15,12 @@ from hypothesis import strategies as st
 
 from mapping.config import load_config
 from mapping.diagnosis.case import Case, case_of
-from mapping.diagnosis.causes import CAUSES
-from mapping.diagnosis.diagnosing import Diagnosis, at_first_sight, diagnose, merged
+from mapping.diagnosis.causes.interface import Cause, Evidence
+from mapping.diagnosis.causes.silence import Silence
+from mapping.diagnosis.causes.table import CAUSES
+from mapping.diagnosis.diagnosing import Diagnosis, diagnose, merged
 from mapping.diagnosis.facing import acceptance, likeliest_edges, walls_of
+from mapping.diagnosis.first_sight import AT_ONCE, at_first_sight
 from mapping.diagnosis.fitting import Fit, fit
 from mapping.diagnosis.hypothesis import (
     Hypothesis,
@@ -30,6 +33,7 @@ from mapping.diagnosis.hypothesis import (
     y_of,
     yaw_of,
 )
+from mapping.diagnosis.own_walls import expected_echoes
 from mapping.diagnosis.pose_quality import heading_noise_rad, is_rough, jumps, relocations
 from mapping.diagnosis.pruning import needed
 from mapping.diagnosis.slopes import Met, differences, slopes
@@ -279,6 +283,36 @@ def test_a_stuck_sensor_is_seen_at_once() -> None:
     assert at_first_sight(place_session(list(messages()), load_config()), load_config()) == ""
 
 
+def blinded(first_s: float, last_s: float) -> tuple[Message, ...]:
+    """The infrared ranger sees nothing from one time to another."""
+    every = messages()
+    start_ns = min(m.t_ns for m in every if isinstance(m, Range))
+    return tuple(
+        replace(m, range_m=math.inf)
+        if isinstance(m, Range) and m.sensor == "dirrs"
+        and first_s <= (m.t_ns - start_ns) * 1e-9 < last_s
+        else m
+        for m in every
+    )  # fmt: skip
+
+
+def test_a_sensor_that_is_stuck_at_no_echo_is_seen_by_the_walls_it_saw_before() -> None:
+    placed = place_session(list(blinded(50.0, 75.0)), load_config())
+    (found,) = Silence().suspects(Evidence.of(placed, load_config()))
+    assert found.subject == "dirrs"
+    assert "see nothing" in found.text
+    assert any(first <= 51.0 and last >= 74.0 for first, last in found.seconds)
+
+
+def test_where_a_sensor_saw_two_echoes_it_expects_one_again() -> None:
+    placed = place_session(list(messages()), load_config())
+    expected = expected_echoes(Readings.joined(list(placed)), "dirrs")
+    assert expected is not None
+    assert expected.expected[expected.echo].mean() > 0.7
+    assert expected.echo[expected.expected].mean() > 0.9
+    assert expected_echoes(Readings.joined(list(placed)), "nobody") is None
+
+
 def track(heading_rad: np.ndarray, x_m: np.ndarray | None = None) -> MotionTrack:
     count = len(heading_rad)
     x_m = np.linspace(0.0, 1.0, count) if x_m is None else x_m
@@ -320,6 +354,11 @@ def test_too_few_readings_are_refused() -> None:
 def test_every_cause_has_a_name_of_its_own() -> None:
     assert len({cause.name for cause in CAUSES}) == len(CAUSES)
     assert all(cause.title for cause in CAUSES)
+
+
+def test_a_look_at_first_sight_takes_every_cause_that_needs_no_search() -> None:
+    at_once = [type(cause) for cause in CAUSES if type(cause).suspects is not Cause.suspects]
+    assert [type(cause) for cause in AT_ONCE] == at_once
 
 
 def test_settings_are_laid_over_each_other() -> None:

@@ -100,7 +100,8 @@ def test_evidence_by_distance_alone_takes_next_to_nothing(width_deg: float) -> N
 def test_sums_that_are_followed_take_next_to_nothing() -> None:
     """A tenth of what the plain differences take, from the first reading on."""
     grid = GridGeometry((-0.3, -0.2), 0.01, 280, 360)
-    followed: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=True)
+    predicts = Pooled.multiplies_odds  # which it does not, and need not
+    followed: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=predicts)
     plain: LogEncoder[int] = LogEncoder(grid, "probability", 0.5, predicts=True)
     sizes = {"followed": 0, "plain": 0}
     for number, (temp, merged) in enumerate(readings("pooled", 24, grid=grid)):
@@ -115,7 +116,7 @@ def test_sums_that_are_followed_take_next_to_nothing() -> None:
 @pytest.mark.parametrize("spoiled", [False, True])
 def test_sums_go_on_over_a_whole_map_and_end_with_what_no_record_tells(spoiled: bool) -> None:
     """A reader may begin at a whole map; a tile that came without a reading ends the following."""
-    writer: LogEncoder[int] = LogEncoder(GRID, "probability", 0.5, predicts=True)
+    writer: LogEncoder[int] = LogEncoder(GRID, "probability", 0.5, predicts=Pooled.multiplies_odds)
     late, grid, sizes = reader("pooled"), empty("pooled"), []
     for number, (temp, merged) in enumerate(readings("pooled", 40)):
         grid[merged.window.slices] = merged.values

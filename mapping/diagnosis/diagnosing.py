@@ -8,18 +8,16 @@ from typing import Any
 
 from mapping.config import MappingConfig, validate
 from mapping.diagnosis.case import Case, case_of
-from mapping.diagnosis.causes import CAUSES
 from mapping.diagnosis.causes.channels import exchanged, swaps
 from mapping.diagnosis.causes.interface import Evidence, Suspect
 from mapping.diagnosis.causes.silence import stuck_readings
+from mapping.diagnosis.causes.table import CAUSES
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.diagnosis.patches import NO_FAULT
 from mapping.diagnosis.pose_quality import relocations
 from mapping.diagnosis.search import Found, search
-from mapping.placed_session import HasBlocks, PlacedSession, place_session
+from mapping.placed_session import HasBlocks, place_session
 from mapping.scoring.held_out import Gain
-
-MOST_LOOKED_AT = 200_000  # readings: more take a while to go through once more
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,21 +80,6 @@ def diagnose(
         tuple(found), hypothesis, before.scores.mean, after.scores.mean, gain, fix,
         validate(merged([_set(config), fix])), len(case.readings), _notes(case),
     )  # fmt: skip
-
-
-def at_first_sight(placed: PlacedSession, config: MappingConfig) -> str:
-    """The worst that can be seen without a search, in a line; empty: nothing."""
-    evidence = Evidence.of(placed, config)
-    found = [suspect for cause in CAUSES for suspect in cause.suspects(evidence)]
-    return max(found, key=lambda suspect: suspect.cost).text if found else ""
-
-
-def worst_line(placed: PlacedSession, config: MappingConfig) -> str:
-    """The same for people, with what tells more; empty where a session is too long to look at."""
-    if placed.counts.readings > MOST_LOOKED_AT:
-        return ""
-    text = at_first_sight(placed, config)
-    return f"{text}: see echogrid diagnose" if text else ""
 
 
 def _notes(case: Case) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ import numpy as np
 
 from mapping.tracks import MotionTrack, wrapped
 from recorder.columns import Floats, Ints
+from recorder.numbers import median
 
 NOISY_RAD = math.radians(4.0)
 FEWEST_JUMPS = 3
@@ -31,7 +32,8 @@ def jumps(track: MotionTrack, max_gap_s: float) -> Ints:
 
     Not those after which it stays elsewhere: it was carried, or the recording is cut.
     """
-    return np.setdiff1d(_steps_too_large(track, max_gap_s), relocations(track, max_gap_s))
+    at = _steps_too_large(track, max_gap_s)
+    return at[~np.isin(at, relocations(track, max_gap_s))]
 
 
 def relocations(track: MotionTrack, max_gap_s: float) -> Ints:
@@ -69,7 +71,7 @@ def heading_noise_rad(track: MotionTrack, max_gap_s: float) -> float:
     second = np.abs(turn[1:] - turn[:-1])[near & moved]
     if len(second) < _FEWEST:
         return 0.0
-    return 1.4826 * float(np.median(second)) / math.sqrt(6.0)
+    return 1.4826 * median(second) / math.sqrt(6.0)
 
 
 def is_rough(track: MotionTrack, max_gap_s: float) -> bool:
@@ -113,6 +115,6 @@ def travel(track: MotionTrack, max_gap_s: float) -> Travel | None:
     heading = at.heading_rad[first][straight] + 0.5 * turn[straight]
     off = wrapped(np.arctan2(y_m[straight], x_m[straight]) - heading)
     off = np.where(np.abs(off) > math.pi / 2, wrapped(off + math.pi), off)  # backwards
-    middle = float(np.median(off))
-    spread = 1.4826 * float(np.median(np.abs(off - middle)))
+    middle = median(off)
+    spread = 1.4826 * median(np.abs(off - middle))
     return Travel(middle, 1.25 * spread / math.sqrt(len(off)), len(off))

@@ -5,7 +5,8 @@ makes walls thinnest is finer by far (:mod:`mapping.diagnosis.fitting`), where p
 to draw walls at all. All numbers are fitted together, for they feign each other, and the fewest are
 kept that explain the session (:mod:`mapping.diagnosis.pruning`). Each of those counts if it differs
 from nothing by many standard errors and by more than is worth a word, and if the score gains by it,
-with its whole interval.
+with its whole interval. Where the score cannot tell (a turn and a shift, of which one alone does
+nearly as well; walls that are seen once only), more standard errors are asked for instead.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from mapping.diagnosis.pruning import needed
 from mapping.scoring.held_out import Gain
 
 MOST_CAUSES = 4
-SURE = 4.5  # standard errors
+SURE = 4.5  # standard errors, where the score gains by a number
+_SURE_BESIDE, _SURE_BY_WALLS = 6.5, 10.0  # where it does by all together; where it loses nothing
+_BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
 _PLAIN_GAIN = 0.03  # where only the score speaks
 _SCORE_LEVEL = 0.99
@@ -50,7 +53,8 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A number that counts: the whole hypothesis, and what the score gains by this number.
+    """A number that counts: the whole hypothesis, and what the score gains by this number, or where
+    it gains nothing sure by it alone, by all together.
 
     ``error`` is its standard error; NaN where only the score speaks.
     """
@@ -134,12 +138,19 @@ def _those_that_count(
         if alone.failed:
             return start, []
         judged = case.score(alone.hypothesis)
+        together = judged.gain_over(case.score(start))
         found = list[Found]()
         for number in left:
             others = _only(case, alone, [n for n in left if n != number], start)
             gain = judged.gain_over(case.score(others.hypothesis))
             error = float(alone.error[left.index(number)])
-            if _is_plain(alone, number) and (number not in seen or _gains(gain)):
+            if number in seen and not _gains(gain):
+                gain = together
+                plain = _is_plain(alone, number, _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS)
+                plain = plain and gain.high > 0.0
+            else:
+                plain = _is_plain(alone, number, SURE)
+            if plain:
                 found.append(Found(number, alone.hypothesis, error, gain))
         if len(found) == len(left):
             return alone.hypothesis, found
@@ -162,9 +173,10 @@ def _gains(gain: Gain) -> bool:
     return gain.low > 0.0 and gain.mean >= LEAST_GAIN
 
 
-def _is_plain(found: Fit, number: Number) -> bool:
+def _is_plain(found: Fit, number: Number, errors: float) -> bool:
     off = abs(found.value(number) - number.neutral)
-    return off >= number.least and abs(found.significance(number)) >= SURE
+    believed = number.least <= off < _BELIEVED * number.most
+    return believed and abs(found.significance(number)) >= errors
 
 
 def _by_score_alone(

@@ -24,6 +24,7 @@ from mapping.segments.raw import raw_segment
 from mapping.segments.runs import meet_at_corners
 from mapping.segments.stages import Observer
 from mapping.segments.unordered import ransac
+from recorder.numbers import median
 
 # A line within 20 degrees of most of its beams is scatter, unless the sensor moved along it.
 _ALONG = math.cos(math.radians(20.0))
@@ -131,7 +132,7 @@ class _Seen:
         beams = line.points_m - sensor_positions_m
         reach = np.maximum(np.hypot(beams[:, 0], beams[:, 1]), 1e-12)
         moved = float(np.ptp(sensor_positions_m @ line.along))
-        along = float(np.median(np.abs(beams @ line.along) / reach))
+        along = median(np.abs(beams @ line.along) / reach)
         return along > _ALONG and moved < _MOVED * line.length_m
 
     def _through(self, line: FittedLine) -> int:

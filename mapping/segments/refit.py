@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from mapping.segments.sightings import Sightings
 from mapping.segments.stretch import Stretch
+from recorder.numbers import median
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -162,7 +163,7 @@ def _fitted(line: Stretch, first: Stretch, sightings: Sightings, min_points: int
         near = mine & (np.abs(off) < _TUKEY * _FIRST_SIGMA_M)
         if near.sum() < _FEW:
             continue
-        sigma_m = float(np.clip(1.4826 * np.median(np.abs(off[near])), *_SIGMA_M))
+        sigma_m = float(np.clip(1.4826 * median(np.abs(off[near])), *_SIGMA_M))
         far = np.abs(off[mine]) / (_TUKEY * sigma_m)
         weights[mine] = np.where(far < 1.0, np.square(1.0 - np.square(far)), 0.0) / sigma_m**2
         variances[mine] = sigma_m**2
@@ -202,7 +203,7 @@ def _error_at_ends_m(t: Floats, off: Floats, line: Stretch) -> float:
     many = len(t)
     if many < _FEW:
         return math.inf
-    sigma_m = float(np.clip(1.4826 * np.median(np.abs(off)), *_SIGMA_M))
+    sigma_m = float(np.clip(1.4826 * median(np.abs(off)), *_SIGMA_M))
     spread_m2 = float(np.var(t))
     far_m = max(abs(end - float(t.mean())) for end in (line.begin_m, line.end_m))
     return sigma_m * math.sqrt((1.0 + far_m**2 / max(spread_m2, 1e-9)) / many)

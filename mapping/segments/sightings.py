@@ -96,13 +96,20 @@ class Sightings:
         A beam of light: its obstacle point. A sonar: the tangent point of its arc, where it faces
         the line within 0.9 of half its beam (or ``facing_rad`` beyond half of it).
         """
-        _, off = line.frame_of(self.from_m)
-        across = -np.sign(off)[:, None] * line.normal
-        facing = (self.towards * across).sum(axis=1)
+        side, facing = self._facing(line, line.frame_of(self.from_m)[1])
         limit = _FACING * self.half_rad if facing_rad is None else self.half_rad + facing_rad
-        reach = self.range_m[:, None]
-        places = self.from_m + reach * np.where(self.arc[:, None], across, self.towards)
+        places = np.empty_like(self.from_m)
+        for k, n in enumerate(line.normal.tolist()):  # column by column: rows of two are slow
+            way = np.where(self.arc, side * n, self.towards[:, k])
+            places[:, k] = self.from_m[:, k] + self.range_m * way
         return places, ~self.arc | (facing >= np.cos(limit))
+
+    def _facing(self, line: Stretch, off: Floats) -> tuple[Floats, Floats]:
+        """On which side the line lies (N,) of sensors ``off`` to its left, -1 or 1 (0: on it), and
+        the cosine between their axes and the way straight to it."""
+        side = -np.sign(off)
+        x, y = line.normal.tolist()
+        return side, side * (self.towards[:, 0] * x + self.towards[:, 1] * y)
 
     def explained_by(self, wall: Stretch) -> Flags:
         """Which readings (N,) the wall explains: light that ends on it, pings that it sent back.
@@ -125,8 +132,7 @@ class Sightings:
     def against(self, wall: Stretch) -> Flags:
         """Which readings (N,) went further than a wall that they should have met."""
         t, off = wall.frame_of(self.from_m)
-        across = -np.sign(off)[:, None] * wall.normal
-        facing = (self.towards * across).sum(axis=1)
+        _, facing = self._facing(wall, off)
         margin_m = min(_NEAR_END_M, 0.2 * wall.length_m)
         low, high = wall.begin_m + margin_m, wall.end_m - margin_m
         far_m = np.abs(off)

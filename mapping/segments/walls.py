@@ -28,6 +28,7 @@ from mapping.segments.runs import meet_at_corners
 from mapping.segments.sightings import Sightings
 from mapping.segments.stages import Drop, Move, Observer, place_of
 from mapping.segments.stretch import Stretch
+from recorder.numbers import distinct
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -130,7 +131,7 @@ def _has_filled_gap(sightings: Sightings) -> Test:
         near = can & (np.abs(off) < np.maximum(0.02, 0.02 * sightings.range_m))
         inside = t[near & (t > begin) & (t < end)]
         cells = max(round((end - begin) / _BRIDGE_CELL_M), 1)
-        filled = len(np.unique(np.floor((inside - begin) / (end - begin) * cells)))
+        filled = len(distinct(np.floor((inside - begin) / (end - begin) * cells)))
         past = int(sightings.against(whole.part(begin, end)).sum())
         return filled >= _FILLED * cells and past <= _AGAINST_SHARE * len(inside)
 
@@ -210,7 +211,7 @@ def _in_few_places(wall: Stretch, own: Sightings) -> bool:
     on_wall = can & (np.abs(off) < np.maximum(_TIGHT_M, _TIGHT_SHARE * own.range_m))
     cells = max(math.ceil(wall.length_m / _PLACE_M), 1)
     at = np.floor((t[on_wall | ~own.arc] - wall.begin_m) * (cells / max(wall.length_m, 1e-9)))
-    filled = len(np.unique(at[(at >= 0) & (at < cells)])) / cells
+    filled = len(distinct(at[(at >= 0) & (at < cells)])) / cells
     return filled < _CROWDED * (1.0 - math.exp(-len(own) / cells))
 
 

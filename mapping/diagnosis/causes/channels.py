@@ -10,7 +10,6 @@ import numpy as np
 
 from mapping.config import sensor_defaults
 from mapping.diagnosis.causes.interface import Cause, Evidence, Plot, Settings, Suspect
-from mapping.diagnosis.hypothesis import mount_of
 from mapping.diagnosis.raw import Channel, channels
 from mapping.placed_session import HasBlocks, PlacedSession
 from recorder.columns import ALL, Block, Choice, Columns, RangeColumns
@@ -121,6 +120,8 @@ def _plot(channel: Channel) -> Plot:
 
 def _settings(placed: PlacedSession, swap: Swap) -> Settings:
     """Each takes the other's topic, and keeps what it is."""
+    from mapping.diagnosis.hypothesis import mount_of
+
     sensors: dict[str, dict[str, object]] = {}
     for name, other in ((swap.short, swap.long), (swap.long, swap.short)):
         sensor = placed.sensors[name]

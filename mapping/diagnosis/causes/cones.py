@@ -63,7 +63,9 @@ def _of_edges(case: Case, sensor: str, edges: Acceptance) -> Iterator[Suspect]:
             "mount", sensor,
             f"{sensor} sits turned by {abs(yaw_deg):.0f} +- 1.2 degrees to the "
             f"{'left' if yaw_deg > 0 else 'right'}",
-            _evidence(edges),
+            (*_evidence(edges),
+             f"by the walls of {' and '.join(case.thin)}: turned as far the other way, that would "
+             "look the same"),
             0.005 * abs(yaw_deg), "likely",
             settings=_sensor(sensor, mount=[
                 round(mount.x_m, 4), round(mount.y_m, 4),

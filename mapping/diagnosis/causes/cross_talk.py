@@ -9,6 +9,7 @@ by chance follows from the same readings against those that the other sonar took
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -76,17 +77,26 @@ class CrossTalk(Cause):
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """One for each pair."""
-        sonars = [name for name in case.wide if len(case.rows_of(name)) >= _FEWEST]
-        for at, first in enumerate(sonars):
-            for second in sonars[at + 1 :]:
-                if _overlap(case, first, second):
-                    continue
-                both = (
-                    talk(case, hypothesis, first, second), talk(case, hypothesis, second, first)
-                )  # fmt: skip
-                found = [each for each in both if each is not None and each.counts]
-                if found:
-                    yield _suspect(case, hypothesis, found)
+        for found in talks(case, hypothesis):
+            yield _suspect(case, hypothesis, found)
+
+
+def talks(case: Case, hypothesis: Hypothesis) -> Iterator[list[Talk]]:
+    """Of each pair of sonars that do: what either one took over from the other."""
+    sonars = [name for name in case.wide if len(case.rows_of(name)) >= _FEWEST]
+    for first, second in itertools.combinations(sonars, 2):
+        if _overlap(case, first, second):
+            continue
+        both = (talk(case, hypothesis, first, second), talk(case, hypothesis, second, first))
+        found = [each for each in both if each is not None and each.counts]
+        if found:
+            yield found
+
+
+def talking(case: Case, hypothesis: Hypothesis) -> frozenset[str]:
+    """The sonars in such pairs: what else is wrong with their echoes nobody can tell."""
+    found = itertools.chain.from_iterable(talks(case, hypothesis))
+    return frozenset(name for each in found for name in (each.receiver, each.sender))
 
 
 def _overlap(case: Case, first: str, second: str) -> bool:

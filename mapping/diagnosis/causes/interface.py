@@ -1,4 +1,4 @@
-"""What a cause of bad maps is: one file each, on these types, named in the table of the package.
+"""What a cause of bad maps is: one file each, on these types, named in ``table``.
 
 A cause that is a number (a pose late by so much) offers candidates: the search tries them, and the
 cause turns what was found into a suspect. One that shows in the readings themselves (a sensor that
@@ -9,15 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from mapping.config import MappingConfig
-from mapping.diagnosis.case import Case
-from mapping.diagnosis.hypothesis import Hypothesis, Number
-from mapping.diagnosis.search import Candidate, Found
 from mapping.placed_session import PlacedSession
-from mapping.scoring.held_out import Gain
 from recorder.columns import Block, Floats
+
+if TYPE_CHECKING:  # the search, which a look at first sight does without
+    from mapping.diagnosis.case import Case
+    from mapping.diagnosis.hypothesis import Hypothesis, Number
+    from mapping.diagnosis.search import Candidate, Found
+    from mapping.scoring.held_out import Gain
 
 Settings = Mapping[str, Any]  # as a configuration nests them
 

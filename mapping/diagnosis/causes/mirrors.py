@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mapping.diagnosis.case import Case
+from mapping.diagnosis.causes.cross_talk import talking
 from mapping.diagnosis.causes.interface import Cause, Plot, Suspect, how_sure
 from mapping.diagnosis.evaluation import occupied_by_others
 from mapping.diagnosis.facing import Overshoot, overshoot, walls_of
@@ -52,8 +53,12 @@ class Mirrors(Cause):
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """One for each sonar."""
-        for sensor in case.wide if case.thin else ():
-            if case.placed.sensors[sensor].radiation is not Radiation.ULTRASOUND:
+        if not case.thin:
+            return
+        left = talking(case, hypothesis)
+        for sensor in case.wide:
+            sound = case.placed.sensors[sensor].radiation is Radiation.ULTRASOUND
+            if not sound or sensor in left:
                 continue
             caps = [each for each in caps_of(case, hypothesis, sensor) if _helps(each)]
             if caps:

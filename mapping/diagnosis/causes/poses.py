@@ -15,6 +15,7 @@ from mapping.diagnosis.pose_quality import (
     jumps,
     steps_of,
 )
+from recorder.numbers import median
 
 _DROPPED = 0.1
 _BRIDGED_S = 0.8  # over longer gaps a straight way between two poses is a guess
@@ -44,7 +45,7 @@ def _few(evidence: Evidence) -> Iterator[Suspect]:
         return
     gaps_s = np.diff(evidence.placed.placement.track.t_ns) * 1e-9
     wide = gaps_s[gaps_s > evidence.config.pose.max_gap_s]
-    usual_s = float(np.median(wide)) if len(wide) else math.nan
+    usual_s = median(wide) if len(wide) else math.nan
     bridged = usual_s < _BRIDGED_S
     yield Suspect(
         "poses", "", f"{share:.0%} of the readings have no pose",

@@ -1,22 +1,33 @@
-"""A sensor that repeats itself, or that is silent for a while."""
+"""A sensor that repeats itself, or that is silent for a while.
+
+No echo for a while is usual where there is room. A sensor is stuck there if echoes should have come
+(:mod:`mapping.diagnosis.own_walls`), many, and many more than in any other such stretch: in sound
+sessions no stretch holds more than five.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mapping.diagnosis.case import Stretch
 from mapping.diagnosis.causes.interface import Cause, Evidence, Suspect
+from mapping.diagnosis.own_walls import expected_echoes
 from mapping.diagnosis.raw import Channel, channels
+from mapping.readings import Readings
 from recorder.columns import Floats
+from recorder.numbers import median
+
+if TYPE_CHECKING:
+    from mapping.diagnosis.case import Stretch
 
 _LEAST_READINGS = 30
 _LEAST_S = 2.0
 _MOVED_M, _TURNED_RAD = 0.15, 0.6
 _SHARE = 0.02
 _NOTHING = -1.0  # no echo, where runs of equal ranges are looked for
-_LONG_S, _LONGER = 8.0, 3.0  # such a run is suspect if it is so long, and so many times the next
+_MISSED, _MORE = 10, 2.5  # echoes that should have come in a run, and times those of the next one
 _GAPS = 20.0  # times the usual time between readings
 
 
@@ -40,6 +51,8 @@ class Silence(Cause):
 
 def stuck_readings(evidence: Evidence) -> list[Stretch]:
     """All stretches in which a sensor is stuck."""
+    from mapping.diagnosis.case import Stretch
+
     return [
         Stretch(channel.sensor, int(channel.t_ns[first]), int(channel.t_ns[end - 1]))
         for channel in channels(evidence)
@@ -49,32 +62,52 @@ def stuck_readings(evidence: Evidence) -> list[Stretch]:
 
 def stuck_stretches(evidence: Evidence, channel: Channel) -> list[tuple[int, int]]:
     """Runs (first, end) of equal readings, too long to be chance, in which the robot moved."""
-    value = np.nan_to_num(channel.range_m, posinf=-1.0, neginf=-2.0)
+    value = np.nan_to_num(channel.range_m, posinf=_NOTHING, neginf=-2.0)
     edges = np.flatnonzero(np.diff(value) != 0) + 1
     bounds = np.concatenate([[0], edges, [len(value)]])
-    found = []
-    for first, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True):
-        lasted_s = (channel.t_ns[end - 1] - channel.t_ns[first]) * 1e-9
-        if end - first < _LEAST_READINGS or lasted_s < _LEAST_S or value[first] < -1.0:
-            continue
-        if value[first] == _NOTHING and not (
-            lasted_s > _LONG_S and end - first > _LONGER * _next_longest(value, first)
-        ):
-            continue  # no echo for a while is usual where there is room
-        poses, known = evidence.placed.placement.track.at(channel.t_ns[first:end])
-        x, y, heading = (np.asarray(v)[known] for v in (poses.x_m, poses.y_m, poses.heading_rad))
-        if len(x) > 1 and (_span(x, y) > _MOVED_M or np.ptp(np.unwrap(heading)) > _TURNED_RAD):
-            found.append((first, end))
-    return found
+    runs = [
+        (first, end)
+        for first, end in zip(bounds[:-1].tolist(), bounds[1:].tolist(), strict=True)
+        if value[first] >= _NOTHING and _is_long(evidence, channel, first, end)
+    ]
+    found = [run for run in runs if value[run[0]] != _NOTHING]
+    nothing = [run for run in runs if value[run[0]] == _NOTHING]
+    return sorted(found + _blind(evidence, channel, nothing, found))
 
 
-def _next_longest(value: Floats, first: int) -> int:
-    """How long the longest other run is in which nothing was seen."""
-    nothing = np.concatenate([[False], value == _NOTHING, [False]])
-    edges = np.flatnonzero(np.diff(nothing.astype(np.int8)))
-    runs = np.diff(edges.reshape(-1, 2), axis=1)[:, 0]
-    others = runs[edges[::2] != first]
-    return int(others.max(initial=_LEAST_READINGS))
+def _is_long(evidence: Evidence, channel: Channel, first: int, end: int) -> bool:
+    """Whether a run is too long to be chance, and the robot moved in it."""
+    lasted_s = (channel.t_ns[end - 1] - channel.t_ns[first]) * 1e-9
+    if end - first < _LEAST_READINGS or lasted_s < _LEAST_S:
+        return False
+    poses, known = evidence.placed.placement.track.at(channel.t_ns[first:end])
+    x, y, heading = (np.asarray(v)[known] for v in (poses.x_m, poses.y_m, poses.heading_rad))
+    moved = len(x) > 1 and (_span(x, y) > _MOVED_M or np.ptp(np.unwrap(heading)) > _TURNED_RAD)
+    return bool(moved)
+
+
+def _blind(
+    evidence: Evidence, channel: Channel, nothing: list[tuple[int, int]],
+    stuck: list[tuple[int, int]],
+) -> list[tuple[int, int]]:  # fmt: skip
+    """Those of the runs without an echo in which echoes should have come; or that are all there is.
+
+    Stretches in which the sensor is stuck at a range draw no walls.
+    """
+    if not nothing or not np.isfinite(channel.range_m).any():
+        return nothing
+    readings = Readings.joined(list(evidence.placed))
+    for first, end in stuck:
+        low_ns, high_ns = channel.t_ns[first], channel.t_ns[end - 1]
+        readings = readings.chosen((readings.t_ns < low_ns) | (readings.t_ns > high_ns))
+    expected = expected_echoes(readings, channel.sensor)
+    if expected is None:
+        return []
+    missed = [expected.missed_between(*channel.t_ns[[first, end - 1]]) for first, end in nothing]
+    return [
+        run for at, run in enumerate(nothing)
+        if missed[at] >= max(_MISSED, _MORE * max([*missed[:at], *missed[at + 1 :], 0]))
+    ]  # fmt: skip
 
 
 def _span(x: Floats, y: Floats) -> float:
@@ -87,11 +120,12 @@ def _stuck(channel: Channel, stuck: list[tuple[int, int]], count: int) -> Suspec
     longest = max(stuck, key=lambda run: run[1] - run[0])
     at_m = channel.range_m[longest[0]]
     first_s, last_s = channel.seconds(longest[0]), channel.seconds(longest[1] - 1)
+    seen = f"{at_m:.3f} m" if np.isfinite(at_m) else "no echo, where it saw walls at other times,"
     return Suspect(
         "silence", channel.sensor,
-        f"{channel.sensor} is stuck: {share:.0%} of its readings repeat one range while the robot "
-        "moves",
-        (f"the longest time {at_m:.3f} m from {first_s:.1f} s to {last_s:.1f} s, "
+        f"{channel.sensor} is stuck: {share:.0%} of its readings "
+        f"{'repeat one range' if np.isfinite(at_m) else 'see nothing'} while the robot moves",
+        (f"the longest time {seen} from {first_s:.1f} s to {last_s:.1f} s, "
          f"{longest[1] - longest[0]} readings",),
         2.0 * share, "almost certain",
         advice="check the cable and the supply; leave these stretches out",
@@ -105,7 +139,7 @@ def _gaps(channel: Channel, others: list[Channel]) -> list[tuple[float, float]]:
     end = max(each.t_ns[-1] for each in (channel, *others))
     times = np.concatenate([[begin], channel.t_ns, [end]])
     gaps = np.diff(times)
-    usual = float(np.median(gaps))
+    usual = median(gaps)
     found = []
     for at in np.flatnonzero(gaps > max(_GAPS * usual, 2.0 * _LEAST_S * 1e9)).tolist():
         low, high = times[at], times[at + 1]

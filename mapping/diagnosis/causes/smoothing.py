@@ -13,7 +13,10 @@ from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.smoothing import Noise, smoothed_track
 from mapping.tracks import MotionTrack, wrapped
 
-LEAST_GAIN = 0.02  # in log-likelihood a reading
+LEAST_GAIN = (
+    0.05  # in log-likelihood a reading: of poses off by 1 cm and 2 degrees it is 0.02 to 0.04
+)
+_COST = 0.1  # of the gain: a way round, so that what is truly wrong stands before it
 LEAST_M, LEAST_RAD = 0.01, math.radians(1.0)  # all poses scatter a little, and smoothing helps
 _LEVEL = 0.99  # at which the gain must hold: several things are tried
 _SHOWN = 400  # poses of the plot
@@ -49,7 +52,7 @@ class Smoothing(Cause):
             "degrees, and smoothing them helps",
             (f"held against those before and after them{beside}, half of the poses move by more "
              "than that, and the readings agree better",),
-            gain.mean, how_sure(gain, math.nan),
+            _COST * gain.mean, how_sure(gain, math.nan),
             settings=_SMOOTH, value=turned_rad, unit="rad", gain=gain,
             plots=(_headings(case, placement.track, track),),
         )  # fmt: skip

@@ -97,7 +97,7 @@ class LogEncoder(Generic[T]):
                 return [(ticket, record)]
             self._sums_are_known = False
         table = None
-        if temp is not None and self._may_predict(window, temp):
+        if temp is not None and self._predicts and _is_whole(window, temp):
             table = self._look_at(temp)
         else:
             temp = None
@@ -125,20 +125,11 @@ class LogEncoder(Generic[T]):
         """Begin anew after a whole map, so that a reader need not know what was before it."""
         self._track.restart()
 
-    def _may_predict(self, window: Window, temp: TempGrid) -> bool:
-        return (
-            self._predicts
-            and temp.window == window
-            and not temp.sub_grids
-            and not window.empty
-            and not (temp.free & temp.band).any()
-        )
-
     def _summed(
         self, window: Window, values: Singles, temp: TempGrid, formula: Formula | None
     ) -> bytes | None:
         """The record of a reading by which sums grow, if it can be one."""
-        if formula is None or len(temp.beam.ranges_m) != 1 or not self._may_predict(window, temp):
+        if formula is None or len(temp.beam.ranges_m) != 1 or not _is_whole(window, temp):
             return None
         values = np.ascontiguousarray(values, np.float32)
         others = self._other_changes(temp, values)
@@ -269,6 +260,16 @@ class LogEncoder(Generic[T]):
             np.uint32
         ) != old.view(np.uint32)
         return changed
+
+
+def _is_whole(window: Window, temp: TempGrid) -> bool:
+    """Whether all that a reading says stands in a temp grid, each cell in front or in the band."""
+    return (
+        temp.window == window
+        and not temp.sub_grids
+        and not window.empty
+        and not (temp.free & temp.band).any()
+    )
 
 
 def _sensor_m(temp: TempGrid) -> tuple[float, float]:

@@ -202,32 +202,28 @@ def settle(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def follow_sums(
-    cells: Integers, in_front: int, distances: Floats, all_sums: Floats, reading: Floats,
+    cells: Integers, in_front: int, distances: Floats, sums: Floats, reading: Floats,
     formula: Floats,
-) -> Floats:  # fmt: skip
-    """The sums (N, 8) of the cells after a reading; see :mod:`replay.rrd.value_log.sums`.
+) -> None:  # fmt: skip
+    """Let the sums of cells grow by a reading; see :mod:`replay.rrd.value_log.sums`.
 
-    ``distances`` (N,) are those of the cells from its sensor, ``all_sums`` those of all cells.
+    ``distances`` (N,) are those of the cells from its sensor, ``sums`` (M, 8) those of all cells.
     """
     fade_m, near_m, middle_m = formula[10], formula[11], formula[12]
     share, arc_end_m, last_m, range_m = reading
-    sums = np.empty((cells.size, 8))
     for k in range(cells.size):
-        rho = distances[k]
-        for n in range(8):
-            sums[k, n] = all_sums[cells[k], n]
+        rho, cell = distances[k], cells[k]
         if k < in_front:
             faded = rho / fade_m
-            sums[k, 1] += np.rint(16777216.0 / (1.0 + faded * faded)) / 16777216.0
-            sums[k, 3] += rho > last_m
-            sums[k, 4] += rho < near_m
-            sums[k, 5] += near_m <= rho < middle_m
-            sums[k, 6] = min(sums[k, 6], rho)
+            sums[cell, 1] += np.rint(16777216.0 / (1.0 + faded * faded)) / 16777216.0
+            sums[cell, 3] += rho > last_m
+            sums[cell, 4] += rho < near_m
+            sums[cell, 5] += near_m <= rho < middle_m
+            sums[cell, 6] = min(sums[cell, 6], rho)
         else:
-            sums[k, 0] += share
-            sums[k, 2] += rho <= arc_end_m
-            sums[k, 7] = min(sums[k, 7], range_m)
-    return sums
+            sums[cell, 0] += share
+            sums[cell, 2] += rho <= arc_end_m
+            sums[cell, 7] = min(sums[cell, 7], range_m)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -244,33 +240,37 @@ def ln_of_one_plus(x: float, logarithms: Floats) -> float:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def values_of_sums(sums: Floats, formula: Floats, logarithms: Floats, curve: Floats) -> Singles:
-    """The values that sums (N, 8) stand for; the curve's cubics reach from totals -64 to 64."""
-    values, pieces = np.empty(sums.shape[0], np.float32), curve.shape[0]
+def values_of_sums(
+    cells: Integers, sums: Floats, formula: Floats, logarithms: Floats, curve: Floats
+) -> Singles:
+    """What the sums (M, 8) of all cells stand for in some of them, (N,).
+
+    The third to the sixth of the sums are counts; the curve's cubics reach from totals -64 to 64.
+    """
+    values, pieces = np.empty(cells.size, np.float32), curve.shape[0]
     most_unpassed, least = formula[9], formula[13]
-    for k in range(sums.shape[0]):
-        total = formula[8]
-        for n in range(6):
-            total += formula[n] * ln_of_one_plus(sums[k, n], logarithms)
-        total += formula[6] * sums[k, 6]
-        total += formula[7] * sums[k, 7]
-        total *= min((sums[k, 0] + sums[k, 1]) / least, 1.0)
-        if sums[k, 0] == 0.0:
+    of_counts = np.empty(256)  # most cells have no more of any kind
+    for many in range(of_counts.size):
+        of_counts[many] = ln_of_one_plus(float(many), logarithms)
+    for k in range(cells.size):
+        cell, total = cells[k], formula[8]
+        total += formula[0] * ln_of_one_plus(sums[cell, 0], logarithms)
+        total += formula[1] * ln_of_one_plus(sums[cell, 1], logarithms)
+        for n in range(2, 6):
+            many = int(sums[cell, n])
+            if many < of_counts.size:
+                total += formula[n] * of_counts[many]
+            else:
+                total += formula[n] * ln_of_one_plus(sums[cell, n], logarithms)
+        total += formula[6] * sums[cell, 6]
+        total += formula[7] * sums[cell, 7]
+        total *= min((sums[cell, 0] + sums[cell, 1]) / least, 1.0)
+        if sums[cell, 0] == 0.0:
             total = min(total, 0.0)
-        if sums[k, 1] == 0.0:
+        if sums[cell, 1] == 0.0:
             total = min(max(total, 0.0), most_unpassed)
         at = min(max((total + 64.0) * (pieces / 128.0), 0.0), pieces)
         piece = min(int(at), pieces - 1)
         u, c = at - piece, curve[piece]
         values[k] = np.float32(((c[3] * u + c[2]) * u + c[1]) * u + c[0])
     return values
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def settle_sums(
-    cells: Integers, sums: Floats, new: Singles, all_sums: Floats, values: Singles
-) -> None:
-    """Write the sums and values of cells into those of all."""
-    for k in range(cells.size):
-        all_sums[cells[k]] = sums[k]
-        values[cells[k]] = new[k]

@@ -134,11 +134,12 @@ def summed_record(
 ) -> bytes | None:  # fmt: skip
     """The record of a reading by which sums grow; ``true`` (rows, cols) are its window's values.
 
-    None, with the track as it was, when more than the share ``most_missed`` is not as predicted.
+    None when more than the share ``most_missed`` is not as predicted: the values are as they were,
+    but the sums are of no more use.
     """
     cells, inner, in_front, _ = masks.covered(track.geometry)
-    sums = track.follow_sums(cells, in_front, reading)
-    predicted, values = track.values_of(sums), true.ravel()[inner]
+    track.follow_sums(cells, in_front, reading)
+    predicted, values = track.values_by_sums(cells), true.ravel()[inner]
     off = values.view(np.int32) - predicted.view(np.int32)
     missed = np.flatnonzero(off)
     if len(missed) > most_missed * len(cells):
@@ -147,7 +148,7 @@ def summed_record(
         reading.packed(), struct.pack("<I", len(missed)), _packed(masks.free), _packed(masks.band),
         _shuffled(np.diff(missed, prepend=0)), _shuffled(off[missed]),
     ])  # fmt: skip
-    track.settle_sums(cells, sums, values)
+    track.values.ravel()[cells] = values
     return Head(_SUMMED, 0, number, masks.window, zlib.crc32(values.tobytes())).packed(body)
 
 
@@ -250,15 +251,14 @@ class LogReader:
         cells, _, in_front, _ = Masks(head.window, free, band, np.zeros_like(band)).covered(
             self._track.geometry
         )
-        sums = self._track.follow_sums(cells, in_front, reading)
-        if passing:
-            values = self._track.values.ravel()[cells]
-        else:
-            values = self._track.values_of(sums)
+        self._track.follow_sums(cells, in_front, reading)
+        known = self._track.values.ravel()
+        if not passing:
+            values = self._track.values_by_sums(cells)
             missed = np.cumsum(_unshuffled(parts.bytes(4 * misses)).astype(np.int64))
             values.view(np.int32)[missed] += _unshuffled(parts.bytes(4 * misses))
-        self._track.settle_sums(cells, sums, values)
-        return values
+            known[cells] = values
+        return known[cells]
 
 
 class _Parts:

@@ -67,8 +67,8 @@ class Track:
         self.formula = formula
         self._sums = np.tile(formula.start, (self.values.size, 1))
 
-    def follow_sums(self, cells: Cells, in_front: int, reading: SummedReading) -> Floats:
-        """The sums (N, 8) of the cells that a reading covers, the first of them in front, after it.
+    def follow_sums(self, cells: Cells, in_front: int, reading: SummedReading) -> None:
+        """Let the sums grow of the cells that a reading covers, the first of them in front.
 
         Raises ValueError where no sums are followed.
         """
@@ -79,26 +79,17 @@ class Track:
         distances = np.empty(len(cells))
         for part in (slice(0, in_front), slice(in_front, None)):
             distances[part] = self.distances_m(reading.sensor_m, cells[part])
-        sums: Floats = follow_sums(
-            cells, in_front, distances, self._sums, reading.numbers, self.formula.numbers
-        )
-        return sums
+        follow_sums(cells, in_front, distances, self._sums, reading.numbers, self.formula.numbers)
 
-    def values_of(self, sums: Floats) -> Singles:
-        """The values that sums should stand for."""
+    def values_by_sums(self, cells: Cells) -> Singles:
+        """The values that the sums of cells should stand for."""
         from replay.rrd.value_log.loops import values_of_sums
 
         assert self.formula is not None
         values: Singles = values_of_sums(
-            sums, self.formula.numbers, logarithms(), self.formula.curve
+            cells, self._sums, self.formula.numbers, logarithms(), self.formula.curve
         )
         return values
-
-    def settle_sums(self, cells: Cells, sums: Floats, values: Singles) -> None:
-        """Take over what became of cells."""
-        from replay.rrd.value_log.loops import settle_sums
-
-        settle_sums(cells, sums, values, self._sums, self.values.ravel())
 
     def replace(self, window: Window, values: Singles) -> None:
         """Take over values that are given, in a window."""
