@@ -2,9 +2,9 @@
 
 Both say 2p - 1 = z of a cell, and log-odds are 2 atanh z. In front z = -factor(angular region) *
 emptiness(t), a polynomial once z is small; in the band z depends on two regions only, so it comes
-from a table of steps. Across a row of cells the angular regions are runs: their borders are worked
-out for all rows at once, and a factor is written to a run. What a cell's band region is, is
-decided in float32 where that is sure, and in float64 where it is not.
+from a table of steps. Where the borders of the angular regions cross each row is worked out for
+all rows at once; a cell's region is how many of them it lies beyond. What a cell's band region is,
+is decided in float32 where that is sure, and in float64 where it is not.
 """
 
 from __future__ import annotations
