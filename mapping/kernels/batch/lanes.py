@@ -10,6 +10,8 @@ switches to the twins (compiled at each start then: numba's cache does not know 
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -67,6 +69,9 @@ class Lanes:
 
     def __or__(self, other: Any) -> Lanes:
         return self._made(self.builder.or_(self.value, self._same(other)))
+
+    def __and__(self, other: Any) -> Lanes:
+        return self._made(self.builder.and_(self.value, self._same(other)))
 
     def __xor__(self, other: Any) -> Lanes:
         return self._made(self.builder.xor(self.value, self._same(other)))
@@ -200,3 +205,12 @@ def unpacked(builder: Any, values: Any) -> list[Any]:
 def by_width(builder: Any, first: Any, after: Any) -> Any:
     """A loop over first, first + WIDTH, ... as a context that gives the index."""
     return cgutils.for_range_slice(builder, first, after, ir.Constant(I64, WIDTH), inc=True)
+
+
+@contextmanager
+def where_any(mask: Lanes) -> Iterator[None]:
+    """What follows is done where any of the lanes is meant."""
+    builder = mask.builder
+    bits = builder.bitcast(mask.value, ir.IntType(WIDTH))
+    with builder.if_then(builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))):
+        yield

@@ -11,6 +11,7 @@ from numba.extending import intrinsic
 
 from mapping.kernels.batch.lanes import (
     F32,
+    F64,
     I16,
     I32,
     I64,
@@ -21,6 +22,7 @@ from mapping.kernels.batch.lanes import (
     counted,
     splat,
     unpacked,
+    where_any,
 )
 
 
@@ -128,62 +130,52 @@ def lanes_of_region_front(
     return types.void(*kinds), make
 
 
+def _exact_bands(builder: Any, c: Any, dy: Any, exact: Any) -> Lanes:
+    """Numbers of band regions in float64, of the columns from c on."""
+    bands, begin, depth, first, size, origin, x = unpacked(builder, exact)
+    dx = (counted(builder, builder.sitofp(c, F64)) + first + 0.5) * size + origin - x
+    rho = (dx * dx + builder.fmul(dy, dy)).of("sqrt")
+    last = builder.fsub(bands, ir.Constant(F64, 1.0))
+    at: Lanes = ((rho - begin) / depth * bands).of("floor").at_least(0.0).at_most(last).to(I32)
+    return at
+
+
 @intrinsic
 def lanes_of_region_band(
-    typing: Any, square: Any, row_square: Any, borders: Any, r: Any, flip: Any, start: Any,
-    bands: Any, a: Any, b: Any, scale: Any, offset: Any, unsure: Any, index: Any,
+    typing: Any, cells: Any, row: Any, square: Any, row_square: Any, borders: Any, r: Any,
+    flip: Any, start: Any, table: Any, a: Any, b: Any, band: Any, dy: Any, lowest: Any,
 ) -> Any:  # fmt: skip
-    """``regions.index_band_plainly``."""
+    """``regions.add_band_plainly``."""
 
     def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        squares, table, out = (
-            Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 12)
+        grid, squares, edges, gains = (
+            Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 4, 8)
         )
-        _, row_square, _, r, flip, to, bands, a, b, scale, offset, unsure, _ = args
-        doubtful = cgutils.alloca_once_value(builder, ir.Constant(I32, 0))
-        last, width = builder.sub(bands, ir.Constant(I32, 1)), builder.sub(b, a)
-        start = builder.and_(builder.sext(a, I64), ir.Constant(I64, -WIDTH))
-        with by_width(builder, start, builder.sext(b, I64)) as (c, _):
-            column = counted(builder, builder.trunc(c, I32))
-            own = _regions_of(builder, table, r, c, to, flip) * bands
-            at = (squares.load(c) + row_square).of("sqrt") * scale + offset
-            unclear = (at - at.of("rint")).of("fabs").below(unsure).to(I32)
-            unclear = unclear.where(column.within(a, width), 0)
-            builder.store(builder.add(builder.load(doubtful), unclear.total()), doubtful)
-            band = at.of("floor").at_most(builder.sitofp(last, F32)).at_least(0.0)
-            out.store(c, own + band.to(I32))
-        return builder.load(doubtful)
-
-    singles, ints = (types.float32,) * 3, (types.int32,) * 4
-    kinds = (square, types.float32, borders, types.int64, types.int16, types.int32)
-    return types.int32(*kinds, *ints[1:], *singles, index), make
-
-
-@intrinsic
-def lanes_of_table_row(
-    typing: Any, cells: Any, row: Any, a: Any, b: Any, table: Any, index: Any, lowest: Any
-) -> Any:
-    """``regions.add_table_row_plainly``."""
-
-    def make(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        grid, values, places = (
-            Cells(context, builder, signature.args[k], args[k]) for k in (0, 4, 5)
-        )
-        _, row, a, b, _, _, lowest = args
+        _, row, _, row_square, _, r, flip, to, _, a, b, band, dy, lowest = args
+        scale, offset, unsure, exact = unpacked(builder, band)
+        bands = builder.extract_value(exact, 0)
+        last = builder.fptrunc(builder.fsub(bands, ir.Constant(F64, 1.0)), F32)
         begin, width = builder.mul(row, grid.shape[1]), builder.sub(b, a)
         start = builder.and_(builder.sext(a, I64), ir.Constant(I64, -WIDTH))
+        number = cgutils.alloca_once(builder, ir.VectorType(I32, WIDTH))
         with by_width(builder, start, builder.sext(b, I64)) as (c, _):
-            said: Any = ir.Constant(ir.VectorType(I32, WIDTH), [0] * WIDTH)
-            for n in range(WIDTH):
-                place = places.one(builder.add(c, ir.Constant(I64, n)))
-                value = values.one(builder.sext(place, I64))
-                said = builder.insert_element(said, value, ir.Constant(I32, n))
-            column = counted(builder, builder.trunc(c, I32))
-            step = Lanes(builder, said).where(column.within(a, width), 0)
-            at = builder.add(begin, c)
-            total = grid.load(at) + step
-            grid.store(at, total.at_most(builder.neg(lowest)).at_least(lowest))
+            inside = counted(builder, builder.trunc(c, I32)).within(a, width)
+            at = (squares.load(c) + row_square).of("sqrt") * scale + offset
+            is_unclear = (at - at.of("rint")).of("fabs").below(unsure) & inside
+            likely = at.of("floor").at_most(last).at_least(0.0).to(I32)
+            builder.store(likely.value, number)
+            with where_any(is_unclear):
+                sure = _exact_bands(builder, c, dy, exact).where(is_unclear, likely)
+                builder.store(sure.value, number)
+            own = _regions_of(builder, edges, r, c, to, flip) * builder.fptosi(bands, I32)
+            gain = gains.picked(own + Lanes(builder, builder.load(number))).where(inside, 0)
+            at_cell = builder.add(begin, c)
+            total = grid.load(at_cell) + gain
+            grid.store(at_cell, total.at_most(builder.neg(lowest)).at_least(lowest))
         return context.get_dummy_value()
 
-    ints = (types.int32, types.int32)
-    return types.void(cells, types.int64, *ints, table, index, types.int32), make
+    kinds = (
+        cells, types.int64, square, types.float32, borders, types.int64, types.int16, types.int32,
+        table, types.int32, types.int32, band, types.float64, types.int32,
+    )  # fmt: skip
+    return types.void(*kinds), make

@@ -29,6 +29,7 @@ from mapping.kernels.batch.lanes import (
     counted,
     splat,
     unpacked,
+    where_any,
 )
 from mapping.kernels.batch.steps import LANES as TILE
 
@@ -80,14 +81,6 @@ def _groups(
             tile = builder.mul(builder.sub(c, number), ir.Constant(I64, lines))
             tile = builder.add(tile_line, builder.add(tile, number))
             yield _Group(k, c, tile, builder.add(line, c), column.within(f, free), band)
-
-
-@contextmanager
-def _where_any(builder: Any, mask: Lanes) -> Iterator[None]:
-    """What follows is done where any of the cells is meant."""
-    bits = builder.bitcast(mask.value, ir.IntType(WIDTH))
-    with builder.if_then(builder.icmp_unsigned("!=", bits, ir.Constant(bits.type, 0))):
-        yield
 
 
 def _both(one: Lanes, other: Lanes) -> Lanes:
@@ -166,7 +159,7 @@ def _lower(
     bound = tiles.bound(group, line)
     unknown = Lanes(builder, builder.fcmp_ordered("==", bound.value, bound._same(0.0)))
     doubtful = _both(mask, compared.below(bound.to(F64)) | unknown)
-    with _where_any(builder, doubtful):
+    with where_any(doubtful):
         size = builder.mul(cells.shape[1], cells.shape[2])
         at = builder.add(builder.mul(size, ir.Constant(I64, array)), group.at)
         old, new = cells.load(at), least()
@@ -189,12 +182,12 @@ def lanes_of_saturating(
         with_free, miss, most = unpacked(builder, args[10])
         small = _Tiles(builder, tiled)
         with _groups(builder, grid, tiled, 2, args[2], table, args[4], with_free) as group:
-            with _where_any(builder, group.front):
+            with where_any(group.front):
                 depth = columns.load(group.column) + lines.one(group.row) + 1.0
                 value = bells.load(group.column) * nears.one(group.row) + miss
                 steps = ((value / depth).at_most(most) * _ONE).of("rint")
                 small.add(group, 1, group.front, steps.to(I32), _FULL_SUM)
-            with _where_any(builder, group.band):
+            with where_any(group.band):
                 small.add(group, 0, group.band, args[9], _FULL_SUM)
         return small.any_full()
 
@@ -217,27 +210,27 @@ def lanes_of_pooled(
         small = _Tiles(builder, tiled)
         with _groups(builder, grid, tiled, 5, args[2], table, args[4], with_free) as group:
             square = columns.load(group.column) + lines.one(group.row)
-            with _where_any(builder, group.front):
+            with where_any(group.front):
                 faded = faded_columns.load(group.column) + faded_lines.one(group.row) + 1.0
                 share = splat(builder, ir.Constant(F64, _ONE)) / faded
                 small.add(group, 1, group.front, share.of("rint").to(I32), _FULL_SUM)
                 before, near = _not(square.below(last)), square.below(middle)
-                with _where_any(builder, _both(group.front, before | near)):
+                with where_any(_both(group.front, before | near)):
                     each = [_constant(builder, 1 << bits) for bits in (0, 8, 16)]
                     count = each[0].where(square.below(nearer), each[1].where(near, 0))
                     count = count + each[2].where(before, 0)
                     small.add(group, 2, group.front, count, _FULL_COUNT)
                 within = _both(group.front, square.below(farthest))
-                with _where_any(builder, within):
+                with where_any(within):
                     _lower(builder, grid, small, group, (6, 3), within, square, 2,
                            lambda: square.of("sqrt"))  # fmt: skip
-            with _where_any(builder, group.band):
+            with where_any(group.band):
                 small.add(group, 0, group.band, args[9], _FULL_SUM)
                 range_of = splat(builder, range_m)
                 _lower(builder, grid, small, group, (7, 4), group.band, range_of, 1,
                        lambda: range_of)  # fmt: skip
                 arc = _both(group.band, square.below(arc_end))
-                with _where_any(builder, arc):
+                with where_any(arc):
                     small.add(group, 2, arc, _constant(builder, 1 << 24), _FULL_COUNT)
         return small.any_full()
 

@@ -2,9 +2,9 @@
 
 Both say 2p - 1 = z of a cell, and log-odds are 2 atanh z. In front z = -factor(angular region) *
 emptiness(t), a polynomial once z is small; in the band z depends on two regions only, so it comes
-from a table of steps. Across a row of cells the angular regions are runs: their borders are worked
-out for all rows at once, and a factor is written to a run. What a cell's band region is, is
-decided in float32 where that is sure, and in float64 where it is not.
+from a table of steps. Where the borders of the angular regions cross each row is worked out for
+all rows at once; a cell's region is how many of them it lies beyond. What a cell's band region is,
+is decided in float32 where that is sure, and in float64 where it is not.
 """
 
 from __future__ import annotations
@@ -20,7 +20,6 @@ from mapping.kernels.batch.lanes_of_regions import (
     lanes_of_border,
     lanes_of_region_band,
     lanes_of_region_front,
-    lanes_of_table_row,
 )
 from mapping.kernels.batch.readings import Place, Readings
 from mapping.kernels.batch.region_tables import EMPTY_0, EMPTY_T, HALF_WIDTH, LARGEST
@@ -47,6 +46,7 @@ Steps = NDArray[np.int32]
 Flags = NDArray[np.bool_]
 Shorts = NDArray[np.int16]
 Front = tuple[Any, Any, Any]
+Band = tuple[Any, Any, Any, Any]
 
 SMALL_Z = 0.45  # up to here the polynomial holds; larger ones take a logarithm each
 _WIDEST = 32_000  # columns of a beam: their numbers take 16 bits
@@ -203,81 +203,52 @@ def add_front_in_lanes(
 
 
 @inlined_loop
-def index_band_plainly(
-    square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
-    start: Any, bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
-) -> int:  # fmt: skip
-    """Where the cells a to b - 1 of a row are in the table; how many are not sure."""
-    last, doubtful = np.float32(bands - 1), 0
+def _band_of(beam: Beam, place: Place, bands: int) -> Band:
+    """Scale and offset of a distance to the number of its band region, what of it is not sure, and
+    in float64 what tells it then: the number of bands, where they begin and how deep they are, and
+    of the columns the first one, size, origin and the sensor's place."""
+    begin, depth = beam.front_limit, beam.limit - beam.front_limit
+    scale, offset = np.float32(bands / depth), np.float32(-begin * bands / depth)
+    exact = (
+        np.float64(bands), begin, depth, np.float64(place.col0), place.size_m, place.origin_x_m,
+        beam.x,
+    )  # fmt: skip
+    return scale, offset, np.float32(1e-6 * bands * beam.limit / depth), exact
+
+
+@inlined_loop
+def add_band_plainly(
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
+    start: Any, table: Steps, a: int, b: int, band: Band, dy: float,
+) -> None:  # fmt: skip
+    """What the cells a to b - 1 of a row gain; ``dy`` is in float64 how far up the row lies."""
+    scale, offset, unsure, exact = band
+    bands, begin, depth, first, size, origin, x = exact
     for c in range(a, b):
         at = np.sqrt(square[c] + dy_squared) * scale + offset
-        doubtful += int(np.int32(abs(at - np.rint(at)) < unsure))
-        at = min(np.floor(at), last)
+        number = np.float64(np.floor(at))
+        if abs(at - np.rint(at)) < unsure:
+            dx = (c + first + 0.5) * size + origin - x
+            number = np.floor((math.sqrt(dx * dx + dy * dy) - begin) / depth * bands)
         own = _region_of(borders, r, flip, c - start)
-        index[c] = np.int32(own * bands + np.int32(at if at > _ZERO else _ZERO))
-    return doubtful
-
-
-@inlined_loop
-def index_band_in_lanes(
-    square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
-    start: Any, bands: int, a: int, b: int, scale: Any, offset: Any, unsure: Any, index: Steps,
-) -> Any:  # fmt: skip
-    """The same, several cells at a time."""
-    ends = np.int32(a), np.int32(b)
-    return lanes_of_region_band(square, dy_squared, borders, r, flip, start, np.int32(bands),
-                                ends[0], ends[1], scale, offset, unsure, index)  # fmt: skip
-
-
-@inlined_loop
-def add_table_row_plainly(
-    cells: Steps, row: int, a: int, b: int, table: Steps, index: Steps
-) -> None:
-    """Add to the cells a to b - 1 of a row what the table has at their places."""
-    for c in range(a, b):
-        total = np.int32(cells[row, c] + table[index[c]])
+        gain = table[np.int64(own * bands + min(max(number, 0.0), bands - 1.0))]
+        total = np.int32(cells[row, c] + gain)
         total = total if total < HIGHEST else HIGHEST
         cells[row, c] = total if total > LOWEST else LOWEST
 
 
 @inlined_loop
-def add_table_row_in_lanes(
-    cells: Steps, row: int, a: int, b: int, table: Steps, index: Steps
-) -> None:
+def add_band_in_lanes(
+    cells: Steps, row: int, square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
+    start: Any, table: Steps, a: int, b: int, band: Band, dy: float,
+) -> None:  # fmt: skip
     """The same, several cells at a time."""
-    lanes_of_table_row(cells, row, np.int32(a), np.int32(b), table, index, LOWEST)
+    lanes_of_region_band(cells, row, square, dy_squared, borders, r, flip, start, table,
+                         np.int32(a), np.int32(b), band, dy, LOWEST)  # fmt: skip
 
 
 _add_front = add_front_in_lanes if WITH_LANES else add_front_plainly
-_index_band = index_band_in_lanes if WITH_LANES else index_band_plainly
-_add_table_row = add_table_row_in_lanes if WITH_LANES else add_table_row_plainly
-
-
-@inlined_loop
-def _add_band(
-    cells: Steps, row: int, place: Place, beam: Beam, scales: tuple[Any, Any, Any],
-    square: Singles, dy_squared: Any, borders: Shorts, r: int, flip: Any,
-    start: Any, a: int, b: int, bands: int, table: Steps, index: Steps,
-) -> None:  # fmt: skip
-    """What the cells a to b - 1 of a row gain."""
-    doubtful = _index_band(square, dy_squared, borders, r, flip, start, bands, a, b, scales[0],
-                           scales[1], scales[2], index)  # fmt: skip
-    if doubtful > 0 and bands > 1:
-        begin, depth = beam.front_limit, beam.limit - beam.front_limit
-        dy = (row + place.row0 + 0.5) * place.size_m + place.origin_y_m - beam.y
-        for c in range(a, b):
-            dx = (c + place.col0 + 0.5) * place.size_m + place.origin_x_m - beam.x
-            at = math.floor((math.sqrt(dx * dx + dy * dy) - begin) / depth * bands)
-            index[c] = index[c] // bands * bands + min(max(at, 0), bands - 1)
-    _add_table_row(cells, row, a, b, table, index)
-
-
-@inlined_loop
-def _band_scales(beam: Beam, bands: int) -> tuple[Any, Any, Any]:
-    """Scale and offset of a distance to the number of its band region, and what is not sure."""
-    begin, depth = beam.front_limit, beam.limit - beam.front_limit
-    scale, offset = np.float32(bands / depth), np.float32(-begin * bands / depth)
-    return scale, offset, np.float32(1e-6 * bands * beam.limit / depth)
+_add_band = add_band_in_lanes if WITH_LANES else add_band_plainly
 
 
 @loop
@@ -331,7 +302,7 @@ def _add_slowly(
 def _add_rows(
     cells: Steps, seen: Bits, place: Place, beam: Beam, e0: float, e1: float, bands: int,
     factors: Singles, full: Steps, table: Steps, box: tuple[int, int, int, int],
-    rows: int, with_free: bool, square: Singles, rows_up: Floats, index: Steps, borders: Shorts,
+    rows: int, with_free: bool, square: Singles, rows_up: Floats, borders: Shorts,
     turns: Floats, spans: Steps,
 ) -> None:  # fmt: skip
     """Some rows of one beam."""
@@ -344,39 +315,23 @@ def _add_rows(
     region_borders(beam, place, start + shift, turns, rows, rows_up, borders)
     front = _front_of(e0, e1)
     first = row0 - place.row0
-    scales = _band_scales(beam, bands)
+    band = _band_of(beam, place, bands)
     mark_rows(seen, first, rows, shift, spans, with_free)
     for k in range(rows):
-        a, f, g, b = (
-            spans[0, k] - shift,
-            spans[1, k] - shift,
-            spans[2, k] - shift,
-            spans[3, k] - shift,
-        )
+        a, f = spans[0, k] - shift, spans[1, k] - shift
+        g, b = spans[2, k] - shift, spans[3, k] - shift
         if b <= a:
             continue
         row, up = first + k, np.float32(rows_up[k])
         flip, row_square = np.int16(0 if rows_up[k] > 0.0 else -1), up * up
         if with_free and g > f:
-            _add_front(
-                cells,
-                row,
-                square,
-                row_square,
-                borders,
-                k,
-                flip,
-                np.int32(start),
-                factors,
-                full,
-                f,
-                g,
-                front,
-            )
+            _add_front(cells, row, square, row_square, borders, k, flip, np.int32(start), factors,
+                       full, f, g, front)  # fmt: skip
+        dy = (row0 + k + 0.5) * size + place.origin_y_m - beam.y
         for begin, end in ((a, f), (g, b)):
             if end > begin:
-                _add_band(cells, row, place, beam, scales, square, row_square, borders, k, flip,
-                          np.int32(start), begin, end, bands, table, index)  # fmt: skip
+                _add_band(cells, row, square, row_square, borders, k, flip, np.int32(start), table,
+                          begin, end, band, dy)  # fmt: skip
 
 
 @free_loop
@@ -393,8 +348,7 @@ def add_regions(
     """
     (rows, cols), stride = observed.shape, cells.shape[1]
     regions, bands = tables.shape[1], tables.shape[2]
-    index, square = np.empty(stride, np.int32), np.zeros(stride, np.float32)
-    factors = _with_room(factors)
+    factors, square = _with_room(factors), np.zeros(stride, np.float32)
     full = _full_losses(factors)
     (spans, doubt), spare = span_scratch(rows), span_scratch(rows)
     widths = widths_of(sensors[:, HALF_WIDTH])
@@ -425,7 +379,7 @@ def add_regions(
                         with_free)  # fmt: skip
         elif count > 0:
             _add_rows(cells, seen, place, beam, e0, e1, bands, own, full[name], table, box, count,
-                      with_free, square, rows_up, index, borders, turns[name], spans)  # fmt: skip
+                      with_free, square, rows_up, borders, turns[name], spans)  # fmt: skip
         if point_row >= 0:  # the obstacle's cell is the band, whatever ran through it
             hit = table[regions // 2 * bands + bands // 2]
             cells[point_row, point_col] = min(max(np.int32(before + hit), LOWEST), HIGHEST)
