@@ -8,7 +8,7 @@ from typing import Any
 
 from mapping.config import MappingConfig, validate
 from mapping.diagnosis.case import Case, case_of
-from mapping.diagnosis.causes.channels import exchanged, swaps
+from mapping.diagnosis.causes.channels import Channels, exchanged, swaps
 from mapping.diagnosis.causes.interface import Evidence, Suspect
 from mapping.diagnosis.causes.silence import stuck_readings
 from mapping.diagnosis.causes.table import CAUSES
@@ -49,17 +49,17 @@ def diagnose(
 ) -> Diagnosis:
     """What is wrong with a session. Raises BadInput where it cannot be mapped at all."""
     placed = place_session(session, config)
-    case = case_of(placed, config, threads=threads)
     evidence = Evidence.of(placed, config)
-    found = [suspect for cause in CAUSES for suspect in cause.suspects(evidence)]
+    exchange = Channels()
+    found = list(exchange.suspects(evidence))
     # What follows is about the session as it should have been.
-    stuck = stuck_readings(evidence)
     for swap in swaps(evidence):
         if (mended := exchanged(session, placed, swap)) is not None:
-            placed, stuck = place_session(mended, config), []
-            case = case_of(placed, config, threads=threads)
-    if stuck:
-        case = case_of(placed, config, without=stuck, threads=threads)
+            placed = place_session(mended, config)
+            evidence = Evidence.of(placed, config)
+    others = [cause for cause in CAUSES if cause.name != exchange.name]
+    found += [suspect for cause in others for suspect in cause.suspects(evidence)]
+    case = case_of(placed, config, without=stuck_readings(evidence), threads=threads)
     candidates = [each for cause in CAUSES for each in cause.candidates(case)]
     tried = _Counter(progress, len(candidates) + 1)
     hypothesis, taken = NO_FAULT, list[Found]()

@@ -37,7 +37,7 @@ _SHORTEST_M = 0.2  # a bent wall is cut in two, and again, until it is that long
 _CORNER, _ALONG = 0.4, 0.05  # sines: of walls that are two, of a beam and a wall that never meet
 _REACHES_M = 0.1  # beyond the points that were seen of it
 _BENT_M, _SURELY = 0.004, 3.0
-MOST_POINTS = 20_000
+MOST_POINTS = 12_000
 NO_FAULT = Hypothesis()
 
 

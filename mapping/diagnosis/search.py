@@ -28,6 +28,7 @@ SURE = 4.5  # standard errors, where the score gains by a number
 _SURE_BESIDE, _SURE_BY_WALLS = 6.5, 10.0  # where it does by all together; where it loses nothing
 _SURE_AGAINST = 16.0  # where it loses: its cells are 2 cm, walls are seen far finer
 _STATED = 1.5  # times those: as planted amounts scattered about what was found of them
+_APART = 0.2  # of the usual fault: so far apart fits from other starts may come out
 _BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
 _PLAIN_GAIN = 0.03  # where only the score speaks
@@ -93,7 +94,16 @@ def search(
     seen = {n for each in candidates if each.by_score for n in each.numbers}
     few = _turned_or_shifted(case, best, needed(best, MOST_CAUSES))
     few = _whose_bias(case, best, few, others)
-    return _those_that_count(case, best, few, seen, start)
+    alike = {n for n in numbers if _is_same_from_all(n, [each for _, each in fits], best)}
+    return _those_that_count(case, best, few, seen, start, alike)
+
+
+def _is_same_from_all(number: Number, fits: Sequence[Fit], best: Fit) -> bool:
+    """Whether a fit comes to the same value wherever it begins: else each piece of wall fits as
+    it stands there, and its small error says nothing."""
+    error = max(float(each.error[each.numbers.index(number)]) for each in fits)
+    slack = max(_APART * number.usual, SURE * error)
+    return all(abs(each.value(number) - best.value(number)) <= slack for each in fits)
 
 
 def _turned_or_shifted(case: Case, whole: Fit, numbers: Sequence[Number]) -> list[Number]:
@@ -152,9 +162,13 @@ def _starts(
 
 
 def _those_that_count(
-    case: Case, whole: Fit, numbers: Sequence[Number], seen: set[Number], start: Hypothesis
-) -> tuple[Hypothesis, list[Found]]:
-    """Fitted on their own; the least sure one is left out until all that are left count."""
+    case: Case, whole: Fit, numbers: Sequence[Number], seen: set[Number], start: Hypothesis,
+    alike: set[Number],
+) -> tuple[Hypothesis, list[Found]]:  # fmt: skip
+    """Fitted on their own; the least sure one is left out until all that are left count.
+
+    ``seen`` by the score; only those that come out ``alike`` from all starts are believed without.
+    """
     left = list(numbers)
     while left:
         alone = _only(case, whole, left, start)
@@ -171,6 +185,7 @@ def _those_that_count(
                 gain = together
                 plain = _is_plain(alone, number, _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS)
                 plain = plain and (gain.high > 0.0 or _is_plain(alone, number, _SURE_AGAINST))
+                plain = plain and number in alike
             else:
                 plain = _is_plain(alone, number, SURE)
             if plain:

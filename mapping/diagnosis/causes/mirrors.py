@@ -30,6 +30,7 @@ Mask = NDArray[np.bool_]
 _CAPS_M = (0.5, 0.8, 1.2, 1.8, 2.5)
 _FEWEST, _SHARE = 100, 0.03
 _LEVEL, _LEAST_LOW = 0.99, 0.05
+_ALIKE = 0.25  # of the gain: what the next reach gains at least
 _NEARLY = 0.7  # of the best gain: then the longer reach is taken
 _COST = 0.1  # of the gain: a way round, so that what is truly wrong stands before it
 _SQUARE_RAD = math.radians(15.0)
@@ -60,7 +61,8 @@ class Mirrors(Cause):
             sound = case.placed.sensors[sensor].radiation is Radiation.ULTRASOUND
             if not sound or sensor in left:
                 continue
-            caps = [each for each in caps_of(case, hypothesis, sensor) if _helps(each)]
+            every = list(caps_of(case, hypothesis, sensor))
+            caps = [each for at, each in enumerate(every) if _helps(each) and _is_broad(every, at)]
             if caps:
                 best = max(each.gain.mean for each in caps)
                 cap = max(
@@ -72,6 +74,12 @@ class Mirrors(Cause):
 
 def _helps(cap: Cap) -> bool:
     return cap.gain.low > _LEAST_LOW and cap.own.mean > 0.0
+
+
+def _is_broad(caps: Sequence[Cap], at: int) -> bool:
+    """Whether the next shorter or longer reach gains as well: one lucky value is no evidence."""
+    beside = [*caps[max(at - 1, 0) : at], *caps[at + 1 : at + 2]]
+    return any(each.gain.mean > _ALIKE * caps[at].gain.mean for each in beside)
 
 
 def caps_of(case: Case, hypothesis: Hypothesis, sensor: str) -> Iterator[Cap]:
