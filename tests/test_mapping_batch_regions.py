@@ -138,3 +138,14 @@ def test_a_wide_beam_across_the_row_of_its_sensor():
         cells, _ = map_of(cases.columns_of([beam], [sensor]), [sensor])
         expected = expected_steps(temp.probability)
         assert (np.abs(cells[temp.window.slices] - expected) <= 3.0 + 4e-7 * np.abs(expected)).all()
+
+
+@pytest.mark.parametrize("heading_rad", [-2.3e-308, -1e-300, -1e-299, 1e-300, 2.3e-308])
+def test_a_border_that_is_level_but_for_rounding_is_level(heading_rad):
+    sensor = replace(PING, model="regions", regions=6, beam_width_rad=1.0)
+    level, nearly = (
+        map_of(cases.columns_of([cases.beam_of(0.0, 0.0, h, 1.2, sensor)], [sensor]), [sensor])
+        for h in (0.0, heading_rad)
+    )
+    np.testing.assert_array_equal(level[0], nearly[0])
+    np.testing.assert_array_equal(level[1], nearly[1])

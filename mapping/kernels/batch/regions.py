@@ -50,6 +50,7 @@ Band = tuple[Any, Any, Any, Any]
 
 SMALL_Z = 0.45  # up to here the polynomial holds; larger ones take a logarithm each
 _WIDEST = 32_000  # columns of a beam: their numbers take 16 bits
+_LEVEL = 1e-300  # sine of a border of regions that no row meets
 # -2 atanh(z) / z in steps for z^2 = 0 .. 0.2025, within 1e-8: coefficients of 1, z^2, z^4, ...
 _A0, _A1, _A2, _A3 = (
     np.float32(-ONE) * np.float32(v) for v in (2, 0.666666442, 0.400017389, 0.285212549)
@@ -94,7 +95,9 @@ def region_borders(
     for k in range(1, turns.shape[0]):
         c, s = turns[k, 0], turns[k, 1]
         cos_border, sin_border = c * beam.cos - s * beam.sin, s * beam.cos + c * beam.sin
-        slope = cos_border / (sin_border if abs(sin_border) > 1e-300 else 1e-300) * per_cell
+        if abs(sin_border) <= _LEVEL:  # as level as the rows, to which side ever it rounds
+            sin_border = 0.0
+        slope = cos_border / (sin_border if sin_border else _LEVEL) * per_cell
         if sin_border < 0.0:
             _fill_border(borders, k, 0, below, rows_up, (-slope, -offset), np.float64(start))
         else:
