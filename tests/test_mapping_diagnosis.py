@@ -308,23 +308,24 @@ def test_a_stuck_sensor_is_seen_at_once() -> None:
     assert at_first_sight(place_session(list(messages()), load_config()), load_config()) == ""
 
 
-def blinded(first_s: float, last_s: float) -> tuple[Message, ...]:
-    """The infrared ranger sees nothing from one time to another."""
+def blinded(sensor: str, first_s: float, last_s: float) -> tuple[Message, ...]:
+    """A sensor sees nothing from one time to another."""
     every = messages()
     start_ns = min(m.t_ns for m in every if isinstance(m, Range))
     return tuple(
         replace(m, range_m=math.inf)
-        if isinstance(m, Range) and m.sensor == "dirrs"
+        if isinstance(m, Range) and m.sensor == sensor
         and first_s <= (m.t_ns - start_ns) * 1e-9 < last_s
         else m
         for m in every
     )  # fmt: skip
 
 
-def test_a_sensor_that_is_stuck_at_no_echo_is_seen_by_the_walls_it_saw_before() -> None:
-    placed = place_session(list(blinded(50.0, 75.0)), load_config())
+@pytest.mark.parametrize("sensor", ["dirrs", "ping"])
+def test_a_sensor_that_is_stuck_at_no_echo_is_seen(sensor: str) -> None:
+    placed = place_session(list(blinded(sensor, 50.0, 75.0)), load_config())
     (found,) = Silence().suspects(Evidence.of(placed, load_config()))
-    assert found.subject == "dirrs"
+    assert found.subject == sensor
     assert "see nothing" in found.text
     assert any(first <= 51.0 and last >= 74.0 for first, last in found.seconds)
 

@@ -2,7 +2,8 @@
 
 No echo for a while is usual where there is room. A sensor is stuck there if echoes should have come
 (:mod:`mapping.diagnosis.own_walls`), many, and many more than in any other such stretch: in sound
-sessions no stretch holds more than five.
+sessions no stretch holds more than five. Of a cone nobody knows where in it a wall was, so there,
+and where the places are too far apart, only a stretch counts that is far longer than any other.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from mapping.diagnosis.own_walls import expected_echoes
 from mapping.diagnosis.raw import Channel, channels
 from mapping.readings import Readings
 from recorder.columns import Floats
+from recorder.messages import Radiation
 from recorder.numbers import median
 
 if TYPE_CHECKING:
@@ -28,6 +30,7 @@ _MOVED_M, _TURNED_RAD = 0.15, 0.6
 _SHARE = 0.02
 _NOTHING = -1.0  # no echo, where runs of equal ranges are looked for
 _MISSED, _MORE = 10, 2.5  # echoes that should have come in a run, and times those of the next one
+_LONG_S, _LONGER = 8.0, 3.0  # or it is so long, and so many times the next one
 _GAPS = 20.0  # times the usual time between readings
 
 
@@ -96,18 +99,30 @@ def _blind(
     """
     if not nothing or not np.isfinite(channel.range_m).any():
         return nothing
+    if channel.radiation is Radiation.ULTRASOUND:
+        return [run for run in nothing if _is_longest(channel, *run)]
     readings = Readings.joined(list(evidence.placed))
     for first, end in stuck:
         low_ns, high_ns = channel.t_ns[first], channel.t_ns[end - 1]
         readings = readings.chosen((readings.t_ns < low_ns) | (readings.t_ns > high_ns))
     expected = expected_echoes(readings, channel.sensor)
     if expected is None:
-        return []
+        return [run for run in nothing if _is_longest(channel, *run)]
     missed = [expected.missed_between(*channel.t_ns[[first, end - 1]]) for first, end in nothing]
     return [
         run for at, run in enumerate(nothing)
         if missed[at] >= max(_MISSED, _MORE * max([*missed[:at], *missed[at + 1 :], 0]))
     ]  # fmt: skip
+
+
+def _is_longest(channel: Channel, first: int, end: int) -> bool:
+    """Whether a run without an echo is far longer than all others."""
+    nothing = np.concatenate([[False], np.isposinf(channel.range_m), [False]])
+    runs = np.flatnonzero(np.diff(nothing.astype(np.int8))).reshape(-1, 2)
+    counts = np.diff(runs, axis=1)[:, 0]
+    next_one = counts[runs[:, 0] != first].max(initial=_LEAST_READINGS)
+    lasted_s = (channel.t_ns[end - 1] - channel.t_ns[first]) * 1e-9
+    return bool(lasted_s > _LONG_S and end - first > _LONGER * next_one)
 
 
 def _span(x: Floats, y: Floats) -> float:
@@ -120,7 +135,7 @@ def _stuck(channel: Channel, stuck: list[tuple[int, int]], count: int) -> Suspec
     longest = max(stuck, key=lambda run: run[1] - run[0])
     at_m = channel.range_m[longest[0]]
     first_s, last_s = channel.seconds(longest[0]), channel.seconds(longest[1] - 1)
-    seen = f"{at_m:.3f} m" if np.isfinite(at_m) else "no echo, where it saw walls at other times,"
+    seen = f"{at_m:.3f} m" if np.isfinite(at_m) else "no echo"
     return Suspect(
         "silence", channel.sensor,
         f"{channel.sensor} is stuck: {share:.0%} of its readings "
