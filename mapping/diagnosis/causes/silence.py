@@ -93,13 +93,13 @@ def _blind(
     evidence: Evidence, channel: Channel, nothing: list[tuple[int, int]],
     stuck: list[tuple[int, int]],
 ) -> list[tuple[int, int]]:  # fmt: skip
-    """Those of the runs without an echo in which echoes should have come; or that are all there is.
+    """Those of the runs without an echo in which echoes should have come.
 
     Stretches in which the sensor is stuck at a range draw no walls.
     """
-    if not nothing or not np.isfinite(channel.range_m).any():
-        return nothing
-    if channel.radiation is Radiation.ULTRASOUND:
+    if not nothing:
+        return []
+    if channel.radiation is Radiation.ULTRASOUND or not np.isfinite(channel.range_m).any():
         return [run for run in nothing if _is_longest(channel, *run)]
     readings = Readings.joined(list(evidence.placed))
     for first, end in stuck:
