@@ -18,9 +18,11 @@ IMPORTED = (
     "mapping.parameters", "recorder.simulator.rooms", "geojson", "replay.rrd.writer", "rerun",
 )  # fmt: skip
 # A signal comes when a module is looked for, or when so many bytes have been written beside.
+# In the background a shell has signals ignored, and so has what it starts.
 PROGRAM = """
-import importlib.abc, os, runpy, sys
+import importlib.abc, os, runpy, signal, sys
 
+signal.signal(signal.SIGINT, signal.default_int_handler)
 when, number, *arguments = sys.argv[1:]
 if when.isdigit():
     import zlib
