@@ -1,4 +1,4 @@
-"""What can be seen of a session without a search, as each map and ``check`` look at it.
+"""What can be seen of a session without a search, as each map and ``info`` look at it.
 
 Of the causes only those are loaded that need no search: a small session is mapped in the time that
 all of them take.

@@ -1,4 +1,4 @@
-"""Single wrong echoes, and the reading filter that the map gains by.
+"""Single wrong echoes, and the reading filter that the map gains by, where one does.
 
 Every sonar has some: over a mirror, past a corner. In sound simulated rooms a median of three
 rejects 6 to 14 % of its readings, so only more is a fault. What cross-talk explains is left to it.
@@ -49,7 +49,7 @@ class _Tried:
 class WrongEchoes(Cause):
     """Each sensor of single ranges with each filter: named where the score gains by one."""
 
-    name, title = "wrong-echoes", "single readings are wrong, and a filter helps"
+    name, title = "wrong-echoes", "single readings are wrong alone"
     needs_walls = False
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
