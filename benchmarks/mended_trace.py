@@ -35,14 +35,9 @@ def points_of(file: Path, config: MappingConfig, sensor: str) -> tuple[Floats, F
     """Where a ranger's echoes lie, (N, 2), and when, (N,) seconds."""
     readings = Readings.joined(list(place_session(open_session(file), config)))
     names = [each.name for each in readings.sensors]
-    rows = np.flatnonzero(readings.sensor == names.index(sensor))
-    range_m = readings.ranges_m[readings.begins[rows]]
-    rows, range_m = rows[np.isfinite(range_m)], range_m[np.isfinite(range_m)]
-    start = readings.world_from_sensor
-    heading_rad = start.heading_rad[rows] + readings.bearings_rad[readings.begins[rows]]
-    at_m = np.column_stack([start.x_m[rows], start.y_m[rows]])
-    at_m += range_m[:, None] * np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
-    return at_m, readings.t_ns[rows] * 1e-9
+    mine = readings.chosen(readings.sensor == names.index(sensor))
+    points_m, row = mine.points_m()
+    return points_m, mine.t_ns[row] * 1e-9
 
 
 def off_own_walls_m(points_m: Floats) -> Floats:

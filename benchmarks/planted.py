@@ -29,6 +29,7 @@ from recorder.simulator.rooms import ROOMS
 TEN_MS, ONE_DEG, FIVE_MM, HALF_PERCENT = 0.010, math.radians(1.0), 0.005, 0.005
 BEAM_WITHIN = 1.25  # times: how near the width of a cone must be found
 SWAP_WITHIN_S = 5.0
+OUT_S = 20.0  # how long a sensor is stuck or dead
 OTHER = {"ping": "dirrs", "dirrs": "ping"}
 
 
@@ -236,7 +237,7 @@ def _is_lost(first: Record, record: Record, fault: Fault) -> bool:
     """Whether a record is a range of the sensor that is dead then."""
     since_s = (record.log_ns - first.log_ns) * 1e-9 - fault.amount
     mine = isinstance(record.message, Range) and record.message.sensor == fault.sensor
-    return mine and 0.0 <= since_s < 20.0
+    return mine and 0.0 <= since_s < OUT_S
 
 
 def _swapped(record: Record) -> Record:
@@ -278,7 +279,7 @@ def _as_run(faults: Faults) -> RunFaults:
                 known_deg = CATALOGUE[name].beam_width_deg
                 sensors[name] = replace(mine, beam_width_deg=known_deg * each.amount)
             case "stuck":
-                sensors[name] = replace(mine, stuck_s=(each.amount, each.amount + 20.0))
+                sensors[name] = replace(mine, stuck_s=(each.amount, each.amount + OUT_S))
     return replace(run, sensors=sensors)
 
 
@@ -329,7 +330,7 @@ def _spoiled(
     elif isinstance(columns, RangeColumns) and columns.sensor == fault.sensor:
         if fault.kind == "dead":
             late_ns = columns.t_ns - from_ns
-            columns = columns[(late_ns < 0) | (late_ns >= 20_000_000_000)]
+            columns = columns[(late_ns < 0) | (late_ns >= OUT_S * 1e9)]
         yield _read(columns, fault, from_ns, last)
     else:
         yield columns
@@ -347,7 +348,7 @@ def _read(
         case "beam":  # what is stated is wrong, not what is
             return replace(columns, beam_width_rad=columns.beam_width_rad / fault.amount)
         case "stuck":
-            before, held = columns.t_ns < from_ns, columns.t_ns < from_ns + 20_000_000_000
+            before, held = columns.t_ns < from_ns, columns.t_ns < from_ns + round(OUT_S * 1e9)
             if before.any():
                 last["range_m"] = float(range_m[before][-1])
             range_m = np.where(~before & held, last.get("range_m", math.inf), range_m)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ class Case:
 
     ``thin`` and ``wide`` name the sensors whose beams are so; ``block`` (N,) cuts the readings into
     blocks of neighbours. ``rough``: the poses are too bad to draw walls with. ``scores`` remembers
-    what was judged.
+    what was judged, ``talks`` what was found of cross-talk.
     """
 
     placed: PlacedSession
@@ -55,6 +56,7 @@ class Case:
     scores: dict[tuple[Hypothesis, tuple[str, ...]], Judged] = field(
         default_factory=dict, repr=False
     )
+    talks: dict[Hypothesis, Any] = field(default_factory=dict, repr=False)
 
     @property
     def readings(self) -> Readings:

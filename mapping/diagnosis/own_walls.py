@@ -40,21 +40,17 @@ class Expected:
 def expected_echoes(readings: Readings, sensor: str) -> Expected | None:
     """Of a ranger with a thin beam; None where too little is seen or places lie too far apart."""
     names = [each.name for each in readings.sensors]
-    if sensor not in names or not (readings.sensor == names.index(sensor)).any():
+    if sensor not in names:
         return None
-    rows = np.flatnonzero(readings.sensor == names.index(sensor))
-    first = readings.begins[rows]
-    if (readings.begins[rows + 1] - first).max() > 1:
+    mine = readings.chosen(readings.sensor == names.index(sensor))
+    echo, range_m, reach_m = np.isfinite(mine.ranges_m), mine.ranges_m, mine.reach_m
+    if len(range_m) != len(mine) or not echo.any() or not np.isfinite(reach_m).all():
         return None
-    start = readings.world_from_sensor
-    heading_rad = start.heading_rad[rows] + readings.bearings_rad[first]
+    start = mine.world_from_sensor
+    heading_rad = start.heading_rad + mine.bearings_rad
     way = np.column_stack([np.cos(heading_rad), np.sin(heading_rad)])
-    from_m = np.column_stack([start.x_m[rows], start.y_m[rows]])
-    range_m, reach_m = readings.ranges_m[first], readings.reach_m[first]
-    echo = np.isfinite(range_m)
-    if not echo.any() or not np.isfinite(reach_m).all():
-        return None
-    at_m = from_m[echo] + range_m[echo, None] * way[echo]
+    from_m = np.column_stack([start.x_m, start.y_m])
+    at_m, _ = mine.points_m()
     low_m = at_m.min(axis=0) - _CELL_M
     size = np.floor((at_m.max(axis=0) - low_m) / _CELL_M).astype(np.int64) + 2
     if size.prod() > _MOST_CELLS:
@@ -68,12 +64,12 @@ def expected_echoes(readings: Readings, sensor: str) -> Expected | None:
         passed += np.bincount(through, minlength=cells.count)
     wall = (hits >= _LEAST_ECHOES) & (hits >= passed)
     wall[-1] = False  # all that lies outside
-    expected = np.zeros(len(rows), np.bool_)
+    expected = np.zeros(len(mine), np.bool_)
     for step_m in _steps(_WITHIN * float(reach_m.max())):
         ahead = np.flatnonzero(~expected & (step_m < _WITHIN * reach_m))
         expected[ahead] = wall[cells.of(from_m[ahead] + step_m * way[ahead])]
-    order = np.argsort(readings.t_ns[rows], kind="stable")
-    return Expected(readings.t_ns[rows][order], echo[order], expected[order])
+    order = np.argsort(mine.t_ns, kind="stable")
+    return Expected(mine.t_ns[order], echo[order], expected[order])
 
 
 def _steps(end_m: float) -> list[float]:

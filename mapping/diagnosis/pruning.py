@@ -22,30 +22,26 @@ _SLACK = 0.15  # of what is worth a word: so much no number has to explain
 _MOST_TRIED = 3  # numbers at a time; more are added one by one
 
 
-def needed(found: Fit, most: int, known: Sequence[Number] = ()) -> tuple[Number, ...]:
-    """The numbers that explain a fit best, at most so many; ``known`` are among them."""
+def needed(found: Fit, most: int) -> tuple[Number, ...]:
+    """The numbers that explain a fit best, at most so many."""
     numbers, away = found.numbers, found.away
-    covariance = _with_slack(found)
-    kept = [numbers.index(each) for each in known]
-    others = [at for at in range(len(numbers)) if at not in kept]
+    covariance, others = _with_slack(found), range(len(found.numbers))
 
-    def cost(more: Sequence[int]) -> float:
-        free = [*kept, *more]
+    def cost(free: Sequence[int]) -> float:
         return left(away, covariance, free) + PRICE * len(free)
 
-    room = max(most - len(kept), 0)
     tried = [
         each
-        for count in range(min(room, _MOST_TRIED) + 1)
+        for count in range(min(most, _MOST_TRIED) + 1)
         for each in itertools.combinations(others, count)
     ]
     best = min(tried, key=cost)
-    while len(best) < room:
+    while len(best) < most:
         more = min(((*best, each) for each in others if each not in best), key=cost, default=best)
         if cost(more) >= cost(best):
             break
         best = more
-    return tuple(numbers[at] for at in sorted([*kept, *best]))
+    return tuple(numbers[at] for at in sorted(best))
 
 
 def unexplained(found: Fit, numbers: Sequence[Number]) -> float:

@@ -25,8 +25,6 @@ class Cones(Cause):
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """One sonar after the other."""
-        if not case.thin or case.rough:
-            return
         walls = walls_of(case, hypothesis)
         for sensor in case.wide:
             if case.placed.sensors[sensor].radiation is not Radiation.ULTRASOUND:

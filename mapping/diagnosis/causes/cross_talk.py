@@ -81,8 +81,15 @@ class CrossTalk(Cause):
             yield _suspect(case, hypothesis, found)
 
 
-def talks(case: Case, hypothesis: Hypothesis) -> Iterator[list[Talk]]:
+def talks(case: Case, hypothesis: Hypothesis) -> list[list[Talk]]:
     """Of each pair of sonars that do: what either one took over from the other."""
+    if hypothesis not in case.talks:
+        case.talks[hypothesis] = list(_talks(case, hypothesis))
+    found: list[list[Talk]] = case.talks[hypothesis]
+    return found
+
+
+def _talks(case: Case, hypothesis: Hypothesis) -> Iterator[list[Talk]]:
     sonars = [name for name in case.wide if len(case.rows_of(name)) >= _FEWEST]
     for first, second in itertools.combinations(sonars, 2):
         if _overlap(case, first, second):

@@ -65,11 +65,15 @@ class Suspect:
 @dataclass(frozen=True, slots=True)
 class Evidence:
     """What can be looked at without a search: the session as placed, and its readings as they
-    came, before any was dropped."""
+    came, before any was dropped.
+
+    ``stuck`` remembers by sensor where it was found stuck.
+    """
 
     placed: PlacedSession
     config: MappingConfig
     columns: Sequence[Block] = field(repr=False, default=())
+    stuck: dict[str, list[tuple[int, int]]] = field(repr=False, default_factory=dict)
 
     @classmethod
     def of(cls, placed: PlacedSession, config: MappingConfig) -> Evidence:
@@ -104,14 +108,15 @@ class Cause:
 
 
 def how_sure(gain: Gain | None, errors: float) -> str:
-    """In a word, by how many standard errors a number stands out and by the interval of the gain.
+    """In a word, by how many of its stated errors a number stands out, and by the interval of the
+    gain.
 
     NaN errors: only the score speaks.
     """
     scored = gain is not None and gain.low > 0.0
-    if errors >= 4.0 and scored:
+    if errors >= 5.3 and scored:
         return "almost certain"
-    if errors >= 2.5 or (scored and gain is not None and gain.low > 0.3 * gain.mean):
+    if errors >= 3.3 or (scored and gain is not None and gain.low > 0.3 * gain.mean):
         return "likely"
     return "possible"
 

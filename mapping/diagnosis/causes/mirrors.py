@@ -54,8 +54,6 @@ class Mirrors(Cause):
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """One for each sonar."""
-        if not case.thin:
-            return
         left = talking(case, hypothesis)
         for sensor in case.wide:
             sound = case.placed.sensors[sensor].radiation is Radiation.ULTRASOUND

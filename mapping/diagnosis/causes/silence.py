@@ -65,6 +65,12 @@ def stuck_readings(evidence: Evidence) -> list[Stretch]:
 
 def stuck_stretches(evidence: Evidence, channel: Channel) -> list[tuple[int, int]]:
     """Runs (first, end) of equal readings, too long to be chance, in which the robot moved."""
+    if channel.sensor not in evidence.stuck:
+        evidence.stuck[channel.sensor] = _stuck_stretches(evidence, channel)
+    return evidence.stuck[channel.sensor]
+
+
+def _stuck_stretches(evidence: Evidence, channel: Channel) -> list[tuple[int, int]]:
     value = np.nan_to_num(channel.range_m, posinf=_NOTHING, neginf=-2.0)
     edges = np.flatnonzero(np.diff(value) != 0) + 1
     bounds = np.concatenate([[0], edges, [len(value)]])
