@@ -84,7 +84,7 @@ def _session(name: str, seed: int, duration_s: float, folder: Path | None) -> Ro
     began_s = time.process_time()
     found = diagnose(session, load_config())
     spent_s = time.process_time() - began_s
-    keys = ("cause", "subject", "text", "value", "unit", "error", "cost", "sure")
+    keys = ("cause", "subject", "text", "value", "unit", "error", "cost", "sure", "seconds")
     suspects = [{key: getattr(each, key) for key in keys} for each in found.suspects]
     return {"planted": name, "seed": seed, "cpu_s": round(spent_s, 2), "suspects": suspects}
 

@@ -28,7 +28,9 @@ from recorder.simulator.rooms import ROOMS
 
 TEN_MS, ONE_DEG, FIVE_MM, HALF_PERCENT = 0.010, math.radians(1.0), 0.005, 0.005
 BEAM_WITHIN = 1.25  # times: how near the width of a cone must be found
+TALK_WITHIN = 0.5  # of the share of pings in which another one's echoes come, too
 SWAP_WITHIN_S = 5.0
+OUT_WITHIN_S = 3.0  # of a sensor's silence: so much may be missed of it, and so much named besides
 OUT_S = 20.0  # how long a sensor is stuck or dead
 OTHER = {"ping": "dirrs", "dirrs": "ping"}
 
@@ -56,8 +58,6 @@ class Fault:
         if self.kind == "ahead" and suspect.cause == "range" and suspect.unit == "m":
             known = suspect.subject == self.sensor  # which cannot be told from a shift
         known = known and suspect.unit == _UNITS.get(self.kind, suspect.unit)
-        if self.kind == "wandering":
-            return known  # towards anywhere
         return known and self.excess(suspect) * self.planted >= 0.0
 
     def is_right(self, suspect: Suspect) -> bool:
@@ -68,7 +68,18 @@ class Fault:
         if self.kind == "beam":
             times = (1.0 + self.excess(suspect)) / self.amount
             return 1.0 / BEAM_WITHIN <= times <= BEAM_WITHIN
+        if self.kind in ("stuck", "dead"):
+            return self._is_then(suspect)
         return off <= _WITHIN.get(self.kind, math.inf)
+
+    def _is_then(self, suspect: Suspect) -> bool:
+        """Whether the stretches that it shows are the one in which the sensor was out."""
+        named_s = sum(end - first for first, end in suspect.seconds)
+        first_s, end_s = self.amount, self.amount + OUT_S
+        both_s = sum(
+            max(0.0, min(end, end_s) - max(first, first_s)) for first, end in suspect.seconds
+        )
+        return both_s > OUT_S - OUT_WITHIN_S and named_s - both_s < OUT_WITHIN_S
 
     @property
     def planted(self) -> float:
@@ -96,11 +107,11 @@ _CAUSES = {
 }  # fmt: skip
 _UNITS = {"yaw": "rad", "ahead": "m", "left": "m", "scale": "times", "bias": "m", "beam": "times",
           "heading": "rad", "turning": "rad/s", "wandering": "m/s", "random": "share",
-          "noisy": "rad"}  # fmt: skip
+          "noisy": "rad", "talk": "share", "stuck": "share", "dead": "s"}  # fmt: skip
 _WITHIN = {
     "late": TEN_MS, "yaw": ONE_DEG, "ahead": FIVE_MM, "left": FIVE_MM, "scale": HALF_PERCENT,
     "bias": FIVE_MM, "swap": SWAP_WITHIN_S, "heading": ONE_DEG, "noisy": ONE_DEG,
-    "turning": 0.3 * ONE_DEG / 60.0,
+    "turning": 0.3 * ONE_DEG / 60.0, "wandering": 0.01 / 60.0, "talk": 0.15 * TALK_WITHIN,
 }  # fmt: skip
 Faults = tuple[Fault, ...]
 

@@ -157,7 +157,7 @@ class Drift(Cause):
             size, way = abs(rate), "to the left" if rate > 0 else "to the right"
         else:
             what, unit, times, widest = "places", "cm", 6000.0, 1.0
-            rate, size = -(x or y), math.hypot(x, y)
+            rate = size = math.hypot(x, y)
             way = f"towards {math.degrees(math.atan2(-y, -x)):.0f} degrees"
         error, lasted_s = found.error, _lasted_s(case)
         known = f" +- {times * error:.2g}" if error > 0 else ""
