@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mapping.diagnosis.causes.channels import Exchanged, Swap
 from mapping.diagnosis.causes.interface import Suspect
 from mapping.placed_session import HasBlocks
 from recorder.columns import ALL, Block, Choice, Columns, PoseColumns, RangeColumns, blocks_of
@@ -28,7 +29,6 @@ from recorder.simulator.rooms import ROOMS
 
 TEN_MS, ONE_DEG, FIVE_MM, HALF_PERCENT = 0.010, math.radians(1.0), 0.005, 0.005
 BEAM_WITHIN = 1.25  # times: how near the width of a cone must be found
-TALK_WITHIN = 0.5  # of the share of pings in which another one's echoes come, too
 SWAP_WITHIN_S = 5.0
 OUT_WITHIN_S = 3.0  # of a sensor's silence: so much may be missed of it, and so much named besides
 OUT_S = 20.0  # how long a sensor is stuck or dead
@@ -111,7 +111,7 @@ _UNITS = {"yaw": "rad", "ahead": "m", "left": "m", "scale": "times", "bias": "m"
 _WITHIN = {
     "late": TEN_MS, "yaw": ONE_DEG, "ahead": FIVE_MM, "left": FIVE_MM, "scale": HALF_PERCENT,
     "bias": FIVE_MM, "swap": SWAP_WITHIN_S, "heading": ONE_DEG, "noisy": ONE_DEG,
-    "turning": 0.3 * ONE_DEG / 60.0, "wandering": 0.01 / 60.0, "talk": 0.15 * TALK_WITHIN,
+    "turning": 0.3 * ONE_DEG / 60.0, "wandering": 0.01 / 60.0,
 }  # fmt: skip
 Faults = tuple[Fault, ...]
 
@@ -127,18 +127,18 @@ class Planted:
     mounts: Mapping[str, SE2] = field(default_factory=dict)
 
 
-def _turn(seed: int) -> int:
+def _count(seed: int) -> int:
     """Counts such that no room always meets the same amount or sign."""
     return seed + seed // 8
 
 
 def _sign(seed: int) -> int:
-    turn = _turn(seed)
-    return 1 if (turn + turn // 4) % 2 == 0 else -1
+    count = _count(seed)
+    return 1 if (count + count // 4) % 2 == 0 else -1
 
 
 def _of(amounts: Sequence[float]) -> Callable[[int], float]:
-    return lambda seed: amounts[_turn(seed) % len(amounts)] * _sign(seed)
+    return lambda seed: amounts[_count(seed) % len(amounts)] * _sign(seed)
 
 
 _delay = _of((0.05, 0.1, 0.15, 0.2))
@@ -159,7 +159,7 @@ def _bias(seed: int) -> float:
     return 0.02 * _sign(seed)
 
 
-def _bent(seed: int) -> float:
+def _five_deg(seed: int) -> float:
     return 5.0 * ONE_DEG * _sign(seed)
 
 
@@ -187,8 +187,8 @@ PLANTED = (
     Planted("15 % cross-talk of two sonars", _one("talk", "", lambda seed: 0.15),
             sensors=("ping_left", "ping", "dirrs"), recorded=False,
             mounts={"ping_left": SE2(0.0, 0.044, math.pi / 2)}),
-    Planted("headings 5 degrees off", _one("heading", "", _bent), recorded=False),
-    Planted("headings 5 degrees off, two infrared", _one("heading", "", _bent), recorded=False,
+    Planted("headings 5 degrees off", _one("heading", "", _five_deg), recorded=False),
+    Planted("headings 5 degrees off, two infrared", _one("heading", "", _five_deg), recorded=False,
             sensors=("ping", "dirrs", "dirrs_left"),
             mounts={"dirrs_left": SE2(0.0, 0.03, math.pi / 2)}),
     Planted("headings drift by 2 degrees a minute",
@@ -305,20 +305,24 @@ def recorded(planted: Planted, seed: int, folder: Path) -> HasBlocks:
     start_ns = min(int(c.t_ns.min()) for b in blocks for c in b.of(RangeColumns) if len(c))
     first = {c.sensor: c[:1] for b in reversed(blocks) for c in b.of(RangeColumns) if len(c)}
     for fault in planted.faults(seed):
+        from_ns = start_ns + round(fault.amount * 1e9)
+        if fault.kind == "swap":
+            pair = first["dirrs"], first["ping"]
+            swap = Swap("dirrs", "ping", from_ns, int(np.iinfo(np.int64).max), whole=False)
+            blocks = list(Exchanged(Kept(blocks), pair, swap).blocks())
+            continue
         last: dict[str, float] = {}
         blocks = [
-            Block(tuple(p for c in b.columns for p in _spoiled(c, fault, start_ns, first, last)))
+            Block(tuple(part for c in b.columns for part in _spoiled(c, fault, from_ns, last)))
             for b in blocks
         ]
     return Kept(blocks)
 
 
 def _spoiled(
-    columns: Columns, fault: Fault, start_ns: int, first: dict[str, RangeColumns],
-    last: dict[str, float],
-) -> Iterator[Columns]:  # fmt: skip
+    columns: Columns, fault: Fault, from_ns: int, last: dict[str, float]
+) -> Iterator[Columns]:
     """Columns with a fault; ``last`` is what a stuck sensor has measured last."""
-    from_ns = start_ns + round(fault.amount * 1e9)
     if isinstance(columns, PoseColumns) and fault.kind == "late":
         later_ns = round(fault.amount * 1e9)
         yield replace(columns, t_ns=columns.t_ns + later_ns, log_ns=columns.log_ns + later_ns)
@@ -328,16 +332,6 @@ def _spoiled(
         stated = [m @ _moved(fault).inverse() for m in columns.motions()]
         x_m, y_m, heading_rad = np.array([(m.x_m, m.y_m, m.heading_rad) for m in stated]).T
         yield replace(columns, x_m=x_m, y_m=y_m, heading_rad=heading_rad)
-    elif isinstance(columns, RangeColumns) and fault.kind == "swap":
-        late = columns.t_ns >= from_ns
-        yield columns[~late]
-        its, some = first[OTHER[columns.sensor]], columns[late]
-        many = np.zeros(len(some), np.int64)
-        yield replace(
-            some, topic=its.topic, sensor=its.sensor, frame=its.frame,
-            beam_width_rad=its.beam_width_rad[many], min_range_m=its.min_range_m[many],
-            max_range_m=its.max_range_m[many], radiation=its.radiation[many],
-        )  # fmt: skip
     elif isinstance(columns, RangeColumns) and columns.sensor == fault.sensor:
         if fault.kind == "dead":
             late_ns = columns.t_ns - from_ns

@@ -79,9 +79,9 @@ def measure(run: str, viewer: bool) -> dict[str, str]:
         row["memory MB"] = f"{memory_mb:.0f}"
         start = time.perf_counter()
         read_rrd(path).grid("ping")
+        row["grid s"] = f"{time.perf_counter() - start:.2f}"
         if "--kinds" in sys.argv:
             print(kinds_table(path), file=sys.stderr)
-        row["grid s"] = f"{time.perf_counter() - start:.2f}"
         if viewer:
             row |= look(path, SMALL if "--small" in sys.argv else LARGE)
     row["left out"] = writer.left_out or "nothing"

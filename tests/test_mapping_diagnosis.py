@@ -27,6 +27,8 @@ from mapping.diagnosis.hypothesis import (
     Number,
     Session,
     bias_of,
+    drift_of_poses,
+    heading_of_poses,
     offset_of_poses,
     scale_of,
     x_of,
@@ -146,9 +148,10 @@ def test_walls_tell_how_a_thin_beam_is_turned(yaw_deg: float, y_m: float, scale:
     assert math.degrees(found.value(number)) == pytest.approx(-yaw_deg, abs=1.0)
 
 
-def test_no_point_counts_whose_beam_may_have_met_another_wall() -> None:
-    """At a corner of two walls of one square, however the noise falls; elsewhere points count."""
-    rng = np.random.default_rng(3)
+@pytest.mark.parametrize("seed", range(8))
+def test_no_point_counts_whose_beam_may_have_met_another_wall(seed: int) -> None:
+    """At a corner of two walls of one square; elsewhere points count."""
+    rng = np.random.default_rng(seed)
     start = rng.uniform([-0.9, -0.9], [-0.3, -0.3], (400, 2))
     aim = np.where(rng.random(400)[:, None] < 0.5, 1.0, 0.0)
     along = rng.uniform(-0.4, 0.0, 400)
@@ -249,9 +252,15 @@ def test_slopes_in_closed_form_are_those_of_placing_anew(name: str) -> None:
     ):
         for make in (x_of, y_of, yaw_of, scale_of, bias_of):
             number = make(name)
-            closed = slopes(case.session, at, [number], readings, met)[:, 0]
-            assert closed == pytest.approx(
+            of_mount = slopes(case.session, at, [number], readings, met)[:, 0]
+            assert of_mount == pytest.approx(
                 differences(case.session, at, number, readings, met), abs=1e-4
+            )
+        drifts = [drift_of_poses(key, 100.0) for key in ("heading_radps", "x_mps", "y_mps")]
+        for number in (heading_of_poses(), *drifts):
+            of_poses = slopes(case.session, at, [number], readings, met)[:, 0]
+            assert of_poses == pytest.approx(
+                differences(case.session, at, number, readings, met), rel=1e-3, abs=1e-3
             )
 
 

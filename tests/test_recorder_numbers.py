@@ -1,4 +1,4 @@
-"""What is ours for the sake of a quick start gives what NumPy gives, to the bit."""
+"""What is ours for the sake of a quick start gives what NumPy gives, the same numbers."""
 
 from __future__ import annotations
 

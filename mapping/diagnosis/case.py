@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mapping.config import MappingConfig, sensor_defaults
 from mapping.diagnosis.evaluation import score
 from mapping.diagnosis.hypothesis import Hypothesis, Session
+from mapping.diagnosis.on_walls import on_walls
 from mapping.diagnosis.patches import ThinBeams
 from mapping.diagnosis.pose_quality import is_rough
 from mapping.grid import GridGeometry, geometry_for
@@ -20,7 +21,7 @@ from mapping.parameters import Sensor
 from mapping.pipeline import box_of
 from mapping.placed_session import PlacedSession
 from mapping.readings import Readings
-from mapping.scoring.held_out import Judged, blocks_of
+from mapping.scoring.held_out import BlockScores, Judged, blocks_of
 from recorder.columns import Ints
 from recorder.errors import BadInput
 from recorder.sensors import CATALOGUE
@@ -40,7 +41,7 @@ class Case:
 
     ``thin`` and ``wide`` name the sensors whose beams are so; ``block`` (N,) cuts the readings into
     blocks of neighbours. ``rough``: the poses are too bad to draw walls with. ``scores`` remembers
-    what was judged, ``talks`` what was found of cross-talk.
+    what was judged, ``walls`` how many points lay on walls, ``talks`` what was found of cross-talk.
     """
 
     placed: PlacedSession
@@ -56,6 +57,7 @@ class Case:
     scores: dict[tuple[Hypothesis, tuple[str, ...]], Judged] = field(
         default_factory=dict, repr=False
     )
+    walls: dict[tuple[Hypothesis, float], BlockScores] = field(default_factory=dict, repr=False)
     talks: dict[Hypothesis, Any] = field(default_factory=dict, repr=False)
 
     @property
@@ -90,6 +92,14 @@ class Case:
     def beams(self, sensors: Sequence[str]) -> ThinBeams:
         """The echoes of some sensors."""
         return ThinBeams(self.session, sensors, self.block)
+
+    def on_walls(self, hypothesis: Hypothesis, wide: float) -> BlockScores:
+        """How many points of thin beams lie on walls, ``wide`` times as wide as assumed, if a
+        hypothesis holds."""
+        key = (hypothesis, wide)
+        if key not in self.walls:
+            self.walls[key] = on_walls(self.beams(self.thin), hypothesis, wide, self.blocks)
+        return self.walls[key]
 
     def score(self, hypothesis: Hypothesis, sensors: Sequence[str] = ()) -> Judged:
         """How well the maps of some sensors predict their readings, if a hypothesis holds."""

@@ -34,8 +34,9 @@ _KEPT_SHARE = 0.5  # of the points in patches at first: who loses more has left 
 class Fit:
     """The hypothesis that makes the patches thinnest, and how sure its numbers are.
 
-    ``covariance`` (P, P) counts whole blocks of readings as one draw. ``width`` is how much wider
-    than the sensors' own errors the points scatter about the walls.
+    ``covariance`` (P, P) counts whole blocks of readings as one draw, and holds by how much two
+    grids laid over the points differ. ``width`` is how much wider than the sensors' own errors the
+    points scatter about the walls.
     """
 
     hypothesis: Hypothesis
@@ -59,9 +60,13 @@ class Fit:
         """What it has found for a number."""
         return self.hypothesis.number(number)
 
+    def error_of(self, number: Number) -> float:
+        """The standard error of a number."""
+        return float(self.error[self.numbers.index(number)])
+
     def significance(self, number: Number) -> float:
         """By how many standard errors a number differs from its neutral value."""
-        error = float(self.error[self.numbers.index(number)])
+        error = self.error_of(number)
         return (self.value(number) - number.neutral) / error if error > 0 else 0.0
 
 

@@ -1,7 +1,7 @@
 """What might be wrong with a session, as numbers; and its readings as they would then have been.
 
 A hypothesis changes readings that are placed already: poses looked up at other times, mounts and
-ranges mended, names of channels exchanged. So a search tries hundreds of them in the time that it
+ranges mended. So a search tries hundreds of them in the time that it
 takes to place a session anew a few times.
 """
 

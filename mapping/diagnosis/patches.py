@@ -29,7 +29,7 @@ _WINDOW_M = 0.03
 _GRAZING = 0.3  # cosine of the angle of incidence: flatter beams say little of where a wall is
 _MOST_WALLS = 6  # of a square
 _LEAST_SHARE = 0.12  # of the points that are left in it
-_TUKEY = 4.0  # standard deviations beyond which a point does not count
+TUKEY = 4.0  # standard deviations beyond which a point does not count
 _SPREAD_M = 0.008
 _POSE_M, _POSE_RAD = 0.004, math.radians(0.5)  # no pose is better than that
 _MOST_RAD, _GAP_S = math.radians(4.0), 0.5
@@ -215,7 +215,7 @@ def _in_corners(points: Points, beams: Floats, patches: Patches) -> Flags:
         ahead_m = (offset_m[other] - points.at_m[rows] @ normal[other]) / closing
         met_m = (points.at_m[rows] + ahead_m[:, None] * beams[rows]) @ tangent[other]
         behind_m = points.range_m[rows] - patches.expected_m[rows]
-        both = np.abs(ahead_m + behind_m) < _TUKEY * patches.spread_m[rows]
+        both = np.abs(ahead_m + behind_m) < TUKEY * patches.spread_m[rows]
         unsure[rows[both & (met_m > low_m[other]) & (met_m < high_m[other])]] = True
     return unsure
 
@@ -272,10 +272,10 @@ def _wall(points: Points, beams: Floats, rows: Ints, wide: float) -> _Wall | Non
         z = along / (wide * spread_m)
         # chosen by where the wall is, not by what was measured: the reach would cut one side off
         usable = facing & (range_m - along + 2.5 * points.spread_m[rows] < points.reach_m[rows])
-        inside = usable & (np.abs(z) < _TUKEY)
-        weight = np.where(inside, np.square(1.0 - np.square(z / _TUKEY)), 0.0)
+        inside = usable & (np.abs(z) < TUKEY)
+        weight = np.where(inside, np.square(1.0 - np.square(z / TUKEY)), 0.0)
         weight = weight / np.square(spread_m * cosine)
-    near = facing & (np.abs(z) < _TUKEY)
+    near = facing & (np.abs(z) < TUKEY)
     if (weight > 0).sum() < _FEWEST or near.mean() < _LEAST_SHARE:
         return None
     across_m = moved[:, 1] * n[0] - moved[:, 0] * n[1]

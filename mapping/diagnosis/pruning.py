@@ -17,7 +17,7 @@ from mapping.diagnosis.fitting import Fit
 from mapping.diagnosis.hypothesis import Number
 from recorder.columns import Floats
 
-PRICE = 18.0  # of a number, in Wald's statistic: about 4.2 standard errors
+_PRICE = 18.0  # of a number, in Wald's statistic: about 4.2 standard errors
 _SLACK = 0.15  # of what is worth a word: so much no number has to explain
 _MOST_TRIED = 3  # numbers at a time; more are added one by one
 
@@ -28,7 +28,7 @@ def needed(found: Fit, most: int) -> tuple[Number, ...]:
     covariance, others = _with_slack(found), range(len(found.numbers))
 
     def cost(free: Sequence[int]) -> float:
-        return left(away, covariance, free) + PRICE * len(free)
+        return _left(away, covariance, free) + _PRICE * len(free)
 
     tried = [
         each
@@ -44,10 +44,12 @@ def needed(found: Fit, most: int) -> tuple[Number, ...]:
     return tuple(numbers[at] for at in sorted(best))
 
 
-def unexplained(found: Fit, numbers: Sequence[Number]) -> float:
-    """Wald's statistic of all other numbers of a fit being nothing."""
-    free = [found.numbers.index(each) for each in numbers]
-    return left(found.away, _with_slack(found), free)
+def standing_out(found: Fit, numbers: Sequence[Number]) -> float:
+    """By how many standard errors some numbers of a fit together differ from nothing: the root of
+    Wald's statistic, of a single number its significance."""
+    at = [found.numbers.index(each) for each in numbers]
+    away = found.away[at]
+    return float(np.sqrt(away @ np.linalg.solve(found.covariance[np.ix_(at, at)], away)))
 
 
 def _with_slack(found: Fit) -> Floats:
@@ -55,7 +57,7 @@ def _with_slack(found: Fit) -> Floats:
     return np.asarray(found.covariance + np.diag(slack))
 
 
-def left(away: Floats, covariance: Floats, free: Sequence[int]) -> float:
+def _left(away: Floats, covariance: Floats, free: Sequence[int]) -> float:
     """Wald's statistic of what is not free being nothing."""
     rest = [at for at in range(len(away)) if at not in free]
     if not rest:

@@ -15,28 +15,32 @@ import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.fitting import Fit, fit
 from mapping.diagnosis.hypothesis import Hypothesis, Number, y_of, yaw_of
 from mapping.diagnosis.patches import NO_FAULT
-from mapping.diagnosis.pruning import PRICE, needed, unexplained
+from mapping.diagnosis.pruning import needed, standing_out
 from mapping.scoring.held_out import Gain
 
 MOST_CAUSES = 4
 SURE = 4.5  # standard errors, where the score gains by a number
 _SURE_BESIDE, _SURE_BY_WALLS = 6.5, 10.0  # where it does by all together; where it loses nothing
 _SURE_AGAINST = 16.0  # where it loses: its cells are 2 cm, walls are seen far finer
+_SURE_OF_MOUNT = 3.0  # of a turn beside a shift, and the other way round, where one is sure
 _STATED = 1.5  # times those: as planted amounts scattered about what was found of them
+_AS_MANY = 0.02  # points on walls, of all: fewer and fits hardly differ
 _APART = 0.2  # of the usual fault: so far apart fits from other starts may come out
 _BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
 _PLAIN_GAIN = 0.03  # where only the score speaks
 _SCORE_LEVEL = 0.99
 _BESIDE = 0.15  # of the usual fault: so far from a peak it must still gain
-_STARTS = 2
-_FAR_LARGER = 2.0
-_ALIKE = PRICE  # so much in favour of a turn or of a shift is not told apart
+_STARTS, _STARTS_BY_WALLS = 2, 1
+_COMMON_BIAS_M = 0.004  # sound sessions show 3 mm too short to 9 mm too long
+_TOLD_APART = 2.0  # in Wald's statistic: so much more is left by the one than by the other
+_OF_A_MOUNT = ("x_m", "y_m", "yaw_rad")
 _SHRINK = (0.5, 0.25, 0.125)  # of the coarse step, in a search by the score alone
 
 
@@ -83,62 +87,98 @@ def search(
     every = dict.fromkeys(n for each in candidates for n in each.numbers)
     others = [n for n in every if n.key == "bias_m" and n.sensor in case.wide]
     numbers = tuple(n for n in every if n not in others)  # a bias common to all is hardly seen
-    fits = list[tuple[float, Fit]]()
-    for begin in _starts(case, candidates, start, advance):
-        found = fit(case.beams(case.thin), numbers, begin, cones=case.wide)
-        if not found.failed:
-            fits.append((case.score(found.hypothesis).scores.mean, found))
+    fits = [_from(case, numbers, each) for each in _starts(case, candidates, start, advance)]
+    fits = _that_tear_no_walls(case, [each for each in fits if not each.failed])
     if not fits:
         return start, []
-    best = max(fits, key=lambda pair: pair[0])[1]
+    best = max(fits, key=lambda each: case.score(each.hypothesis).scores.mean)
     seen = {n for each in candidates if each.by_score for n in each.numbers}
     few = _turned_or_shifted(case, best, needed(best, MOST_CAUSES))
     few = _whose_bias(case, best, few, others)
-    alike = {n for n in numbers if _is_same_from_all(n, [each for _, each in fits], best)}
+    alike = {n for n in best.numbers if _is_same_from_all(n, fits, best)}
     return _those_that_count(case, best, few, seen, start, alike)
+
+
+def _from(case: Case, numbers: Sequence[Number], begin: Hypothesis) -> Fit:
+    """All numbers fitted; only those that the start is about, where the others lead astray."""
+    found = fit(case.beams(case.thin), numbers, begin, cones=case.wide)
+    own = [each for each in numbers if begin.number(each) != each.neutral]
+    if not own or not (found.failed or _tears(case, found, begin)):
+        return found
+    return fit(case.beams(case.thin), own, begin, cones=case.wide)
+
+
+def _tears(case: Case, found: Fit, begin: Hypothesis) -> bool:
+    before, after = (case.on_walls(h, found.width).mean for h in (begin, found.hypothesis))
+    return after < before - _AS_MANY
+
+
+def _that_tear_no_walls(case: Case, fits: Sequence[Fit]) -> list[Fit]:
+    """Those by which about as many points lie on walls as by the best: a fit that began too far
+    from the truth ends where it has torn some apart."""
+    wide = min((each.width for each in fits), default=1.0)
+    shares = [case.on_walls(each.hypothesis, wide).mean for each in fits]
+    near = [f for f, share in zip(fits, shares, strict=True) if share > max(shares) - _AS_MANY]
+    most = max((len(each.numbers) for each in near), default=0)
+    return [each for each in near if len(each.numbers) == most]
 
 
 def _is_same_from_all(number: Number, fits: Sequence[Fit], best: Fit) -> bool:
     """Whether a fit comes to the same value wherever it begins: else each piece of wall fits as
     it stands there, and its small error says nothing."""
-    error = max(float(each.error[each.numbers.index(number)]) for each in fits)
+    fits = [each for each in fits if number in each.numbers]
+    error = max(each.error_of(number) for each in fits)
     slack = max(_APART * number.usual, SURE * error)
     return all(abs(each.value(number) - best.value(number)) <= slack for each in fits)
 
 
 def _turned_or_shifted(case: Case, whole: Fit, numbers: Sequence[Number]) -> list[Number]:
-    """The same numbers; instead of the turn of a mount its shift, or the other way round, where
-    walls hardly tell the two apart and the score does."""
+    """The same numbers; of a mount that is among them its turn, its shift, or both.
+
+    Fitted together, without all that is not needed, the two are told apart far better than alone,
+    where each does nearly as well. Where even so neither stands out, the score chooses.
+    """
     few = list(numbers)
-    for pair in ((yaw_of(sensor), y_of(sensor)) for sensor in case.thin):
-        mine = [each for each in pair if each in few]
-        if len(mine) != 1 or not set(pair) <= set(whole.numbers):
+    for sensor in case.thin:
+        pair = (yaw_of(sensor), y_of(sensor))
+        if not set(pair) & set(few) or not set(pair) <= set(whole.numbers):
             continue
-        other = pair[1] if mine[0] == pair[0] else pair[0]
-        instead = [other if each == mine[0] else each for each in few]
-        if unexplained(whole, instead) - unexplained(whole, few) < _ALIKE:
-            fits = [(each, _only(case, whole, each, NO_FAULT)) for each in (few, instead)]
-            sound = [pair for pair in fits if not pair[1].failed]
-            few = max(
-                sound, key=lambda each: case.score(each[1].hypothesis).scores.mean, default=fits[0]
-            )[0]
+        others = [each for each in few if each not in pair]
+        both = _only(case, whole, [*others, *pair], NO_FAULT)
+        if both.failed:
+            continue
+        of_each = [abs(both.significance(each)) for each in pair]
+        mine = [each for each, errors in zip(pair, of_each, strict=True) if errors > _SURE_OF_MOUNT]
+        if not mine and abs(of_each[0] ** 2 - of_each[1] ** 2) > _TOLD_APART:
+            mine = [max(pair, key=lambda n: abs(both.significance(n)))]
+        few = [*others, *(mine or [_that_scores_more(case, whole, others, pair)])]
     return few
+
+
+def _that_scores_more(
+    case: Case, whole: Fit, others: Sequence[Number], pair: Sequence[Number]
+) -> Number:
+    def mean(number: Number) -> float:
+        alone = _only(case, whole, [*others, number], NO_FAULT)
+        return -math.inf if alone.failed else case.score(alone.hypothesis).scores.mean
+
+    return max(pair, key=mean)
 
 
 def _whose_bias(
     case: Case, whole: Fit, numbers: Sequence[Number], others: Sequence[Number]
 ) -> list[Number]:
-    """The same numbers; instead of the bias of the thin beam that of a cone, where that is plain.
+    """The same numbers; instead of the bias of the thin beam that of a cone, where that is surer.
 
-    The two differ by a bias common to both, of which cones and thin beams together tell little:
-    both free, one of them must be left by far the larger.
+    The two differ by a bias common to both, of which cones and thin beams together tell little; so
+    much of it as sound sessions show is taken off both.
     """
     mine = [n for n in numbers if n.key == "bias_m"]
     if len(mine) != 1 or len(others) != 1 or len(case.thin) != 1:
         return list(numbers)
     both = _only(case, whole, [*numbers, *others], NO_FAULT)
-    off, its = (abs(both.value(n)) for n in (mine[0], others[0]))
-    if both.failed or its < _FAR_LARGER * off:
+    off, its = (abs(both.value(n) - _COMMON_BIAS_M) / both.error_of(n) for n in (*mine, *others))
+    if both.failed or its < off:
         return list(numbers)
     return [others[0] if n == mine[0] else n for n in numbers]
 
@@ -146,19 +186,29 @@ def _whose_bias(
 def _starts(
     case: Case, candidates: Sequence[Candidate], start: Hypothesis, advance: Callable[[], None]
 ) -> list[Hypothesis]:
-    """None, and the values that score best of the coarse ones, where they score better."""
-    tried = []
+    """None, and of the coarse values those that score best, where they score better, and those
+    by which most points lie on walls, where more do."""
+    tried = [start]
     for candidate in candidates:
         for values in itertools.product(*candidate.coarse) if candidate.coarse else ():
             begin = start
             for number, value in zip(candidate.numbers, values, strict=True):
                 begin = begin.with_number(number, value)
-            tried.append((case.score(begin).scores.mean, begin))
+            tried.append(begin)
+            case.score(begin), case.on_walls(begin, 1.0)  # remembered
         advance()
-    least = case.score(start).scores.mean
-    better = [pair for pair in tried if pair[0] > least]
-    better.sort(key=lambda pair: -pair[0])
-    return [start, *(begin for _, begin in better[:_STARTS])]
+
+    def score(hypothesis: Hypothesis) -> float:
+        return case.score(hypothesis).scores.mean
+
+    def walls(hypothesis: Hypothesis) -> float:
+        return case.on_walls(hypothesis, 1.0).mean
+
+    by_score, by_walls = (
+        [each for each in sorted(tried, key=key, reverse=True) if key(each) > key(start)]
+        for key in (score, walls)
+    )
+    return list(dict.fromkeys([start, *by_score[:_STARTS], *by_walls[:_STARTS_BY_WALLS]]))
 
 
 def _those_that_count(
@@ -174,27 +224,55 @@ def _those_that_count(
         alone = _only(case, whole, left, start)
         if alone.failed:
             return start, []
-        judged = case.score(alone.hypothesis)
-        together = judged.gain_over(case.score(start))
-        found = list[Found]()
-        for number in left:
-            others = _only(case, alone, [n for n in left if n != number], start)
-            gain = judged.gain_over(case.score(others.hypothesis))
-            error = _STATED * float(alone.error[left.index(number)])
-            if number in seen and not _gains(gain):
-                gain = together
-                plain = _is_plain(alone, number, _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS)
-                plain = plain and (gain.high > 0.0 or _is_plain(alone, number, _SURE_AGAINST))
-                plain = plain and number in alike
-            else:
-                plain = _is_plain(alone, number, SURE)
-            if plain:
-                found.append(Found(number, alone.hypothesis, error, gain))
+        found = [
+            Found(each, alone.hypothesis, _STATED * alone.error_of(each), gain)
+            for fault in _faults(left)
+            for each, gain in _counted(case, alone, fault, seen, start, alike)
+        ]
         if len(found) == len(left):
             return alone.hypothesis, found
         doubtful = [n for n in left if n not in {each.number for each in found}]
         left.remove(min(doubtful, key=lambda n: abs(alone.significance(n))))
     return start, []
+
+
+def _faults(numbers: Sequence[Number]) -> list[list[Number]]:
+    """Each number alone; those of one mount together."""
+    faults = dict[Any, list[Number]]()
+    for number in numbers:
+        key = ("mount", number.sensor) if number.key in _OF_A_MOUNT else number
+        faults.setdefault(key, []).append(number)
+    return list(faults.values())
+
+
+def _counted(
+    case: Case, alone: Fit, fault: Sequence[Number], seen: set[Number], start: Hypothesis,
+    alike: set[Number],
+) -> Iterator[tuple[Number, Gain]]:  # fmt: skip
+    """Which numbers of a fault count, and what the score gains by all of them.
+
+    The score hardly tells a turn from a shift of a mount, so both together must stand out as any
+    other number must, and each beside the other by walls alone.
+    """
+    surest = max(fault, key=lambda n: abs(alone.significance(n)))
+    judged = case.score(alone.hypothesis)
+    others = _only(case, alone, [n for n in alone.numbers if n not in fault], start)
+    gain, sure = judged.gain_over(case.score(others.hypothesis)), SURE
+    if surest in seen and not _gains(gain):
+        gain = judged.gain_over(case.score(start))
+        sure = _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS
+        sure = sure if gain.high > 0.0 else _SURE_AGAINST
+        on_walls = case.on_walls(alone.hypothesis, alone.width).gain_over(
+            case.on_walls(others.hypothesis, alone.width)
+        )
+        if on_walls.low > 0.0 and on_walls.mean > _AS_MANY:
+            sure = _SURE_BESIDE
+        sure = sure if surest in alike else math.inf
+    if standing_out(alone, fault) >= sure:
+        for each in fault:
+            errors = abs(alone.significance(each))
+            if _is_believed(alone, each) and (each == surest or errors >= _SURE_OF_MOUNT):
+                yield each, gain
 
 
 def _only(case: Case, whole: Fit, numbers: Sequence[Number], start: Hypothesis) -> Fit:
@@ -211,10 +289,9 @@ def _gains(gain: Gain) -> bool:
     return gain.low > 0.0 and gain.mean >= LEAST_GAIN
 
 
-def _is_plain(found: Fit, number: Number, errors: float) -> bool:
+def _is_believed(found: Fit, number: Number) -> bool:
     off = abs(found.value(number) - number.neutral)
-    believed = number.least <= off < _BELIEVED * number.most
-    return believed and abs(found.significance(number)) >= errors
+    return number.least <= off < _BELIEVED * number.most
 
 
 def _by_score_alone(

@@ -37,23 +37,39 @@ def slopes(
 ) -> Floats:
     """(K, P), metres along the normal for a unit of each number; ``readings`` are those of ``at``.
 
-    Of mounts and ranges in closed form, of all else by differences.
+    Of the time of the poses by differences, of all else in closed form.
     """
     columns = []
     for number in numbers:
-        if number.sensor is None or number.key not in _CLOSED:
+        if number.key == "offset_s":
             columns.append(differences(session, at, number, readings, met))
+            continue
+        if number.sensor is None:
+            columns.append(_of_poses(session, number, readings, met))
             continue
         names = [each.name for each in readings.sensors]
         mine = readings.sensor[met.row] == names.index(number.sensor)
-        columns.append(np.where(mine, _closed(session, at, number, readings, met), 0.0))
+        columns.append(np.where(mine, _of_sensor(session, at, number, readings, met), 0.0))
     return np.column_stack(columns) if columns else np.empty((len(met.row), 0))
 
 
-_CLOSED = ("x_m", "y_m", "yaw_rad", "scale", "bias_m")
+def _of_poses(session: Session, number: Number, readings: Readings, met: Met) -> Floats:
+    """Headings turn a beam about the robot, or the sensor of a cone; places move either."""
+    since_s = (readings.t_ns[met.row] - session.placement.track.t_ns[0]) * 1e-9
+    match number.key:
+        case "x_mps":
+            return np.asarray(since_s * met.normal[:, 0])
+        case "y_mps":
+            return np.asarray(since_s * met.normal[:, 1])
+    base, start = readings.world_from_base[met.row], readings.world_from_sensor[met.row]
+    arm = np.column_stack([start.x_m - base.x_m, start.y_m - base.y_m])
+    if not met.is_cone:
+        arm = arm + met.range_m[:, None] * met.way
+    turned = arm[:, 0] * met.normal[:, 1] - arm[:, 1] * met.normal[:, 0]
+    return np.asarray(turned * since_s if number.key == "heading_radps" else turned)
 
 
-def _closed(
+def _of_sensor(
     session: Session, at: Hypothesis, number: Number, readings: Readings, met: Met
 ) -> Floats:
     assert number.sensor is not None

@@ -72,10 +72,10 @@ def squares(
     off = np.bincount(of, weights=weight * (at * normal).sum(axis=1), minlength=patches.count)
     across = at[:, 1] * normal[:, 0] - at[:, 0] * normal[:, 1]
     middle = np.bincount(of, weights=weight * across, minlength=patches.count) / mass
-    wide_m = np.bincount(
+    moment = np.bincount(
         of, weights=weight * np.square(across - middle[of]), minlength=patches.count
     )
-    known = wide * wide < wide_m * _TURNED_RAD**2  # how exactly its normal is known
+    known = wide * wide < moment * _TURNED_RAD**2  # how exactly its normal is known
     low, high = np.full(patches.count, np.inf), np.full(patches.count, -np.inf)
     np.minimum.at(low, of, across)
     np.maximum.at(high, of, across)

@@ -50,7 +50,7 @@ class Ranges(Cause):
         sensor, excess = number.sensor, hypothesis.number(number) - number.neutral
         unit, times = ("%", 100.0) if number.key == "scale" else ("cm", 100.0)
         way = "long" if excess > 0 else "short"
-        evidence = ["the same wall lies nearer when it is seen from afar, or farther"]
+        evidence = ["the same wall lies at different places when it is seen from near and from far"]
         if number.key == "bias_m":
             evidence = [
                 "walls lie too near or too far by as much from everywhere",

@@ -48,10 +48,10 @@ def lanes_of_border(
     return types.void(borders, *kinds), make
 
 
-def _regions_of(builder: Any, borders: Cells, row: Any, c: Any, start: Any, flip: Any) -> Lanes:
+def _regions_of(builder: Any, borders: Cells, row: Any, c: Any, first: Any, flip: Any) -> Lanes:
     """``regions._region_of`` of the columns from c on."""
     one = ir.Constant(I64, 1)
-    column = counted(builder, builder.trunc(builder.sub(c, builder.sext(start, I64)), I16)) ^ flip
+    column = counted(builder, builder.trunc(builder.sub(c, builder.sext(first, I64)), I16)) ^ flip
     own = cgutils.alloca_once(builder, column.value.type)
     builder.store(splat(builder, ir.Constant(I16, 0)).value, own)
     with cgutils.for_range_slice(builder, one, borders.shape[0], one) as (k, _):
@@ -86,7 +86,7 @@ def _loss(z: Lanes, powers: list[Any]) -> Lanes:
 @intrinsic
 def lanes_of_region_front(
     typing: Any, cells: Any, row: Any, square: Any, row_square: Any, borders: Any, r: Any,
-    flip: Any, start: Any, factors: Any, full: Any, f: Any, g: Any, front: Any, powers: Any,
+    flip: Any, first_column: Any, factors: Any, full: Any, f: Any, g: Any, front: Any, powers: Any,
     lowest: Any,
 ) -> Any:  # fmt: skip
     """``regions.add_front_plainly``."""
@@ -95,16 +95,16 @@ def lanes_of_region_front(
         grid, squares, table, factor, losses = (
             Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 4, 8, 9)
         )
-        _, row, _, row_square, _, r, flip, to, _, _, f, g, front, powers, lowest = args
+        _, row, _, row_square, _, r, flip, first_column, _, _, f, g, front, powers, lowest = args
         e0, e1, sure = unpacked(builder, front)
         powers = unpacked(builder, powers)
         begin, width = builder.mul(row, grid.shape[1]), builder.sub(g, f)
-        start = builder.and_(builder.sext(f, I64), ir.Constant(I64, -WIDTH))
+        aligned = builder.and_(builder.sext(f, I64), ir.Constant(I64, -WIDTH))
         said = cgutils.alloca_once(builder, ir.VectorType(I32, WIDTH))
         few = factor.load(ir.Constant(I64, 0)), losses.load(ir.Constant(I64, 0))
-        with by_width(builder, start, builder.sext(g, I64)) as (c, _):
+        with by_width(builder, aligned, builder.sext(g, I64)) as (c, _):
             column = counted(builder, builder.trunc(c, I32))
-            own = _regions_of(builder, table, r, c, to, flip)
+            own = _regions_of(builder, table, r, c, first_column, flip)
             first, last = squares.one(c), squares.one(builder.add(c, ir.Constant(I64, WIDTH - 1)))
             farthest = builder.select(builder.fcmp_ordered("<", first, last), last, first)
             is_full = builder.fcmp_ordered("<", builder.fadd(farthest, row_square), sure)
@@ -143,7 +143,7 @@ def _exact_bands(builder: Any, c: Any, dy: Any, exact: Any) -> Lanes:
 @intrinsic
 def lanes_of_region_band(
     typing: Any, cells: Any, row: Any, square: Any, row_square: Any, borders: Any, r: Any,
-    flip: Any, start: Any, table: Any, a: Any, b: Any, band: Any, dy: Any, lowest: Any,
+    flip: Any, first_column: Any, table: Any, a: Any, b: Any, band: Any, dy: Any, lowest: Any,
 ) -> Any:  # fmt: skip
     """``regions.add_band_plainly``."""
 
@@ -151,14 +151,14 @@ def lanes_of_region_band(
         grid, squares, edges, gains = (
             Cells(context, builder, signature.args[k], args[k]) for k in (0, 2, 4, 8)
         )
-        _, row, _, row_square, _, r, flip, to, _, a, b, band, dy, lowest = args
+        _, row, _, row_square, _, r, flip, first_column, _, a, b, band, dy, lowest = args
         scale, offset, unsure, exact = unpacked(builder, band)
         bands = builder.extract_value(exact, 0)
         last = builder.fptrunc(builder.fsub(bands, ir.Constant(F64, 1.0)), F32)
         begin, width = builder.mul(row, grid.shape[1]), builder.sub(b, a)
-        start = builder.and_(builder.sext(a, I64), ir.Constant(I64, -WIDTH))
+        aligned = builder.and_(builder.sext(a, I64), ir.Constant(I64, -WIDTH))
         number = cgutils.alloca_once(builder, ir.VectorType(I32, WIDTH))
-        with by_width(builder, start, builder.sext(b, I64)) as (c, _):
+        with by_width(builder, aligned, builder.sext(b, I64)) as (c, _):
             inside = counted(builder, builder.trunc(c, I32)).within(a, width)
             at = (squares.load(c) + row_square).of("sqrt") * scale + offset
             is_unclear = (at - at.of("rint")).of("fabs").below(unsure) & inside
@@ -167,7 +167,7 @@ def lanes_of_region_band(
             with where_any(is_unclear):
                 sure = _exact_bands(builder, c, dy, exact).where(is_unclear, likely)
                 builder.store(sure.value, number)
-            own = _regions_of(builder, edges, r, c, to, flip) * builder.fptosi(bands, I32)
+            own = _regions_of(builder, edges, r, c, first_column, flip) * builder.fptosi(bands, I32)
             gain = gains.picked(own + Lanes(builder, builder.load(number))).where(inside, 0)
             at_cell = builder.add(begin, c)
             total = grid.load(at_cell) + gain
