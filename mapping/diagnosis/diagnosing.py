@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from mapping.config import MappingConfig, validate
 from mapping.diagnosis.case import Case, case_of
 from mapping.diagnosis.causes.channels import Channels, exchanged, swaps
 from mapping.diagnosis.causes.interface import Evidence, Suspect
-from mapping.diagnosis.causes.silence import stuck_readings
+from mapping.diagnosis.causes.silence import Silence, stuck_readings
 from mapping.diagnosis.causes.table import CAUSES
 from mapping.diagnosis.hypothesis import Hypothesis
 from mapping.diagnosis.patches import NO_FAULT
@@ -65,6 +65,11 @@ def diagnose(
     hypothesis, taken = NO_FAULT, list[Found]()
     if case.thin:
         hypothesis, taken = search(case, candidates, advance=tried)
+    if taken:  # late or turned, the walls that are expected are torn as well
+        as_found = replace(evidence, stuck={}, mended=case.session.under(hypothesis))
+        known = {(each.cause, each.subject) for each in found}
+        again = Silence().suspects(as_found)
+        found += [each for each in again if (each.cause, each.subject) not in known]
     for each in taken:
         explained = (c.explained(case, each.number, each, hypothesis) for c in CAUSES)
         found += [suspect for suspect in explained if suspect is not None]

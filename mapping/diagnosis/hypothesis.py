@@ -155,6 +155,8 @@ class Session:
         of_each = _each_mount(self._mounts, readings)
         self._base_from_carrier = on_robot @ of_each.inverse()
         self._row = np.repeat(np.arange(len(readings)), np.diff(readings.begins))
+        between_ns = np.diff(track.t_ns) if len(track.t_ns) > 1 else np.zeros(1)
+        self.pose_interval_s = min(float(np.median(between_ns)) / NS_PER_S, _LONGEST_S)
 
     def mount(self, sensor: str) -> SE2:
         """Where a sensor sits, as the session is placed."""
@@ -221,6 +223,7 @@ class Session:
         return base
 
 
+_LONGEST_S = 0.2  # between poses: over more the motion is no longer even
 _RANGE_KEYS = ("scale", "bias_m")
 _NEAREST_M = 1e-3
 

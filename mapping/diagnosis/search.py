@@ -26,11 +26,12 @@ from mapping.scoring.held_out import Gain
 
 MOST_CAUSES = 4
 SURE = 4.5  # standard errors, where the score gains by a number
-_SURE_BESIDE, _SURE_BY_WALLS = 6.5, 10.0  # where it does by all together; where it loses nothing
+_SURE_BESIDE, _SURE_BY_WALLS = 6.5, 7.0  # where it does by all together; where it loses nothing
 _SURE_AGAINST = 16.0  # where it loses: its cells are 2 cm, walls are seen far finer
 _SURE_OF_MOUNT = 3.0  # of a turn beside a shift, and the other way round, where one is sure
 _STATED = 1.5  # times those: as planted amounts scattered about what was found of them
 _AS_MANY = 0.02  # points on walls, of all: fewer and fits hardly differ
+_TORN = 0.1  # so many fewer: walls are torn apart
 _APART = 0.2  # of the usual fault: so far apart fits from other starts may come out
 _BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
@@ -93,10 +94,10 @@ def search(
         return start, []
     best = max(fits, key=lambda each: case.score(each.hypothesis).scores.mean)
     seen = {n for each in candidates if each.by_score for n in each.numbers}
-    few = _turned_or_shifted(case, best, needed(best, MOST_CAUSES))
-    few = _whose_bias(case, best, few, others)
+    few, nearer = _turned_or_shifted(case, best, needed(best, MOST_CAUSES))
+    few = _whose_bias(case, nearer, few, others)
     alike = {n for n in best.numbers if _is_same_from_all(n, fits, best)}
-    return _those_that_count(case, best, few, seen, start, alike)
+    return _those_that_count(case, nearer, few, seen, start, alike)
 
 
 def _from(case: Case, numbers: Sequence[Number], begin: Hypothesis) -> Fit:
@@ -110,17 +111,23 @@ def _from(case: Case, numbers: Sequence[Number], begin: Hypothesis) -> Fit:
 
 def _tears(case: Case, found: Fit, begin: Hypothesis) -> bool:
     before, after = (case.on_walls(h, found.width).mean for h in (begin, found.hypothesis))
-    return after < before - _AS_MANY
+    return after < before - _TORN
 
 
 def _that_tear_no_walls(case: Case, fits: Sequence[Fit]) -> list[Fit]:
     """Those by which about as many points lie on walls as by the best: a fit that began too far
-    from the truth ends where it has torn some apart."""
+    from the truth ends where it has torn some apart. Those of all numbers, unless all are torn."""
     wide = min((each.width for each in fits), default=1.0)
-    shares = [case.on_walls(each.hypothesis, wide).mean for each in fits]
-    near = [f for f, share in zip(fits, shares, strict=True) if share > max(shares) - _AS_MANY]
-    most = max((len(each.numbers) for each in near), default=0)
-    return [each for each in near if len(each.numbers) == most]
+    judged = [(case.on_walls(each.hypothesis, wide).mean, each) for each in fits]
+    sound = _within(judged, _TORN)
+    whole = max((len(each.numbers) for _, each in sound), default=0)
+    same = [(share, each) for share, each in sound if len(each.numbers) == whole]
+    return [each for _, each in _within(same, _AS_MANY)]
+
+
+def _within(judged: Sequence[tuple[float, Fit]], less: float) -> list[tuple[float, Fit]]:
+    most = max((share for share, _ in judged), default=0.0)
+    return [(share, each) for share, each in judged if share > most - less]
 
 
 def _is_same_from_all(number: Number, fits: Sequence[Fit], best: Fit) -> bool:
@@ -132,27 +139,31 @@ def _is_same_from_all(number: Number, fits: Sequence[Fit], best: Fit) -> bool:
     return all(abs(each.value(number) - best.value(number)) <= slack for each in fits)
 
 
-def _turned_or_shifted(case: Case, whole: Fit, numbers: Sequence[Number]) -> list[Number]:
-    """The same numbers; of a mount that is among them its turn, its shift, or both.
+def _turned_or_shifted(
+    case: Case, whole: Fit, numbers: Sequence[Number]
+) -> tuple[list[Number], Fit]:
+    """The same numbers, of a mount that is among them its turn, its shift, or both; and the fit
+    that is nearest to them.
 
     Fitted together, without all that is not needed, the two are told apart far better than alone,
     where each does nearly as well. Where even so neither stands out, the score chooses.
     """
-    few = list(numbers)
+    few, nearest = list(numbers), whole
     for sensor in case.thin:
         pair = (yaw_of(sensor), y_of(sensor))
         if not set(pair) & set(few) or not set(pair) <= set(whole.numbers):
             continue
         others = [each for each in few if each not in pair]
-        both = _only(case, whole, [*others, *pair], NO_FAULT)
+        both = _only(case, nearest, [*others, *pair], NO_FAULT)
         if both.failed:
             continue
+        nearest = both
         of_each = [abs(both.significance(each)) for each in pair]
         mine = [each for each, errors in zip(pair, of_each, strict=True) if errors > _SURE_OF_MOUNT]
         if not mine and abs(of_each[0] ** 2 - of_each[1] ** 2) > _TOLD_APART:
             mine = [max(pair, key=lambda n: abs(both.significance(n)))]
-        few = [*others, *(mine or [_that_scores_more(case, whole, others, pair)])]
-    return few
+        few = [*others, *(mine or [_that_scores_more(case, both, others, pair)])]
+    return few, nearest
 
 
 def _that_scores_more(
@@ -334,7 +345,7 @@ def _peaks(case: Case, candidate: Candidate, current: Hypothesis) -> Iterator[Fo
         and min(around) > 0.25 * gain.mean and min(halves) > 0.0
     )  # fmt: skip
     if plain:
-        yield Found(number, best, math.nan, gain)
+        yield Found(number, best, math.nan, judged.gain_over(base))
 
 
 def _refined(case: Case, number: Number, start: Hypothesis) -> Hypothesis:

@@ -94,7 +94,12 @@ def _of_sensor(
 def differences(
     session: Session, at: Hypothesis, number: Number, readings: Readings, met: Met
 ) -> Floats:
-    """The slope of one number, (K,), by placing all readings twice."""
+    """The slope of one number, (K,), by placing all readings twice.
+
+    Of the time of poses over one pose before and after: by the two that a reading lies between,
+    the slope would hold their own noise, and fits would draw readings to the middle between two
+    poses, where it averages out.
+    """
     measured_m = session.readings.ranges_m.copy()
     names = [each.name for each in readings.sensors]
     changes = [at.of(name) for name in names]
@@ -104,9 +109,13 @@ def differences(
     )
     measured_m[met.axis] = met.range_m * scale + bias_m
 
-    def along(step: float) -> Floats:
+    step = number.step
+    if number.key == "offset_s":
+        step = max(step, session.pose_interval_s)
+
+    def along(more: float) -> Floats:
         placed = session.under(
-            at.with_number(number, at.number(number) + step), measured_m=measured_m
+            at.with_number(number, at.number(number) + more), measured_m=measured_m
         )
         start, way = placed.world_from_sensor, met.normal
         if not met.is_cone:
@@ -116,4 +125,4 @@ def differences(
         at_m = at_m + placed.ranges_m[met.axis][:, None] * way
         return np.asarray((at_m * met.normal).sum(axis=1))
 
-    return (along(number.step) - along(-number.step)) / (2.0 * number.step)
+    return (along(step) - along(-step)) / (2.0 * step)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from mapping.config import MappingConfig
 from mapping.placed_session import PlacedSession
+from mapping.readings import Readings
 from recorder.columns import Block, Floats
 
 if TYPE_CHECKING:  # the search, which a look at first sight does without
@@ -67,13 +68,19 @@ class Evidence:
     """What can be looked at without a search: the session as placed, and its readings as they
     came, before any was dropped.
 
-    ``stuck`` remembers by sensor where it was found stuck.
+    ``stuck`` remembers by sensor where it was found stuck. ``mended`` are the placed readings as
+    what was found has them, once something was.
     """
 
     placed: PlacedSession
     config: MappingConfig
     columns: Sequence[Block] = field(repr=False, default=())
     stuck: dict[str, list[tuple[int, int]]] = field(repr=False, default_factory=dict)
+    mended: Readings | None = field(repr=False, default=None)
+
+    def readings(self) -> Readings:
+        """All that are placed."""
+        return Readings.joined(list(self.placed)) if self.mended is None else self.mended
 
     @classmethod
     def of(cls, placed: PlacedSession, config: MappingConfig) -> Evidence:

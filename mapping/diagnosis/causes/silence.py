@@ -16,7 +16,6 @@ import numpy as np
 from mapping.diagnosis.causes.interface import Cause, Evidence, Suspect
 from mapping.diagnosis.own_walls import expected_echoes
 from mapping.diagnosis.raw import Channel, channels
-from mapping.readings import Readings
 from recorder.columns import Floats
 from recorder.messages import Radiation
 from recorder.numbers import median
@@ -107,7 +106,7 @@ def _blind(
         return []
     if channel.radiation is Radiation.ULTRASOUND or not np.isfinite(channel.range_m).any():
         return [run for run in nothing if _is_longest(channel, *run)]
-    readings = Readings.joined(list(evidence.placed))
+    readings = evidence.readings()
     for first, end in stuck:
         low_ns, high_ns = channel.t_ns[first], channel.t_ns[end - 1]
         readings = readings.chosen((readings.t_ns < low_ns) | (readings.t_ns > high_ns))
