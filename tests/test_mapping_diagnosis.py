@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -397,17 +397,5 @@ def test_a_look_at_first_sight_takes_every_cause_that_needs_no_search() -> None:
 
 
 def test_settings_are_laid_over_each_other() -> None:
-    parts = [{"a": {"b": 1, "c": 2}}, {"a": {"b": 3}, "d": 4}]
+    parts: list[dict[str, Any]] = [{"a": {"b": 1, "c": 2}}, {"a": {"b": 3}, "d": 4}]
     assert merged(parts) == {"a": {"b": 3, "c": 2}, "d": 4}
-
-
-@pytest.mark.parametrize("name", ["late and infrared turned", "none"])
-def test_faults_in_sessions_of_another_simulator_are_named(shared_data: Path, name: str) -> None:
-    from benchmarks.planted import PLANTED, recorded
-
-    planted = next(each for each in PLANTED if each.name == name)
-    found = diagnose(recorded(planted, 2, shared_data / "rooms"), load_config())
-    faults = planted.faults(2)
-    assert len(found.suspects) == len(faults)
-    for fault in faults:
-        assert any(fault.is_right(suspect) for suspect in found.suspects)
