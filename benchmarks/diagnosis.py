@@ -3,8 +3,9 @@
 ``python -m benchmarks.diagnosis run OUT.jsonl`` plants each fault in 20 simulated runs, in eight
 rooms; with ``--recorded DIR`` in the recorded sessions of a folder. Each verdict is a line of
 OUT.jsonl, and what stands there already is not run again: so it can be done in pieces (``--jobs 2``
-at a time, ``--only late``, ``--seeds 100:120``). ``table OUT.jsonl`` prints the table as
-docs/diagnose.md shows it, ``misses OUT.jsonl`` what was not named, or wrongly.
+at a time, ``--only late``, ``--seeds 100:120``). ``table SIMULATED.jsonl OTHER.jsonl`` prints the
+table as docs/diagnose.md shows it, two columns a file, ``misses OUT.jsonl`` what was not named, or
+wrongly.
 """
 
 from __future__ import annotations
@@ -14,12 +15,22 @@ import json
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from benchmarks.planted import PLANTED, Fault, Planted, recorded, simulated
+import numpy as np
+
+from benchmarks.planted import (
+    PLANTED,
+    RECORDINGS,
+    Fault,
+    Planted,
+    has_amount,
+    recorded,
+    simulated,
+)
 from mapping.config import load_config
 from mapping.diagnosis.causes.interface import Suspect
 from mapping.diagnosis.diagnosing import diagnose
@@ -33,7 +44,7 @@ def main() -> None:
     """Run, or print."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("what", choices=("run", "table", "misses"))
-    parser.add_argument("results", type=Path, help="JSON lines, one a session")
+    parser.add_argument("results", type=Path, nargs="+", help="JSON lines, one a session")
     parser.add_argument("--seeds", default="100:120", help="FIRST:END")
     parser.add_argument("--quick", action="store_true", help="four seeds, runs of 200 s")
     parser.add_argument("--only", default="", help="faults whose names hold this (or|this)")
@@ -43,9 +54,9 @@ def main() -> None:
     if asked.what == "run":
         _run(asked)
     elif asked.what == "table":
-        print("\n".join(table(_rows(asked.results))))
+        print("\n".join(table({path.stem: _rows(path) for path in asked.results})))
     else:
-        print("\n".join(misses(_rows(asked.results))))
+        print("\n".join(misses(row for path in asked.results for row in _rows(path))))
 
 
 def _rows(path: Path) -> list[Row]:
@@ -56,16 +67,21 @@ def _run(asked: argparse.Namespace) -> None:
     first, end = map(int, asked.seeds.split(":"))
     seeds = range(first, first + 4 if asked.quick else end)
     duration_s = 200.0 if asked.quick else DURATION_S
-    done = {(row["planted"], row["seed"]) for row in _rows(asked.results)}
+    (results,) = asked.results
+    done = {(row["planted"], row["seed"]) for row in _rows(results)}
+    cases: dict[Any, tuple[str, int]] = {}
+    for seed in seeds:  # all faults by each: a run that is cut short is a fair table, too
+        for each in PLANTED:
+            if each.recorded or asked.recorded is None:
+                # The same fault in the same recording is the same case, whatever the seed.
+                session = seed if asked.recorded is None else seed % RECORDINGS
+                cases.setdefault((each.name, session, each.faults(seed)), (each.name, seed))
     wanted = [
-        (each.name, seed, duration_s, asked.recorded)
-        for seed in seeds  # all faults by each: a run that is cut short is a fair table, too
-        for each in PLANTED
-        if any(part in each.name for part in asked.only.split("|"))
-        and (each.recorded or asked.recorded is None)
-        and (each.name, seed) not in done
+        (name, seed, duration_s, asked.recorded)
+        for name, seed in cases.values()
+        if any(part in name for part in asked.only.split("|")) and (name, seed) not in done
     ]
-    with asked.results.open("a") as out, ProcessPoolExecutor(asked.jobs) as pool:
+    with results.open("a") as out, ProcessPoolExecutor(asked.jobs) as pool:
         for count, row in enumerate(pool.map(_session, *zip(*wanted, strict=True)), 1):
             out.write(json.dumps(row) + "\n")
             out.flush()
@@ -107,30 +123,40 @@ def _suspects(row: Row) -> list[Suspect]:
     return [Suspect(evidence=(), **each) for each in row["suspects"]]
 
 
-def table(rows: Iterable[Row]) -> Iterator[str]:
-    """The confusion table, in Markdown; last how often the stated errors hold the truth."""
-    rows = list(rows)
-    yield "| planted | named first | and by the right amount | named first, how often | CPU, s |"
-    yield "|---|---|---|---|---|"
-    within: list[float] = []
+def table(files: Mapping[str, list[Row]]) -> Iterator[str]:
+    """The confusion table, in Markdown: of each file how often the right cause came first and how
+    often all amounts were right ("-" where none is checked), of the first what came first instead;
+    then how often the stated errors hold the truth."""
+    first = next(iter(files))
+    heads = [f"{name}: first | right" for name in files]
+    yield f"| planted | {' | '.join(heads)} | named first ({first}) |"
+    yield "|---" * (2 + 2 * len(files)) + "|"
     for planted in PLANTED:
-        mine = [row for row in rows if row["planted"] == planted.name]
-        if not mine:
-            continue
-        verdicts = [verdict(planted, row) for row in mine]
-        named, right = (sum(each) for each in zip(*verdicts, strict=True))
-        firsts = Counter(r["suspects"][0]["cause"] if r["suspects"] else "none" for r in mine)
-        often = ", ".join(f"{cause} {count}" for cause, count in firsts.most_common())
-        cpu_s = sum(row["cpu_s"] for row in mine) / len(mine)
-        yield f"| {planted.name} | {named} of {len(mine)} | {right} | {often} | {cpu_s:.1f} |"
-        within += [off for row in mine for off in _errors_off(planted.faults(row["seed"]), row)]
-    if within:
-        shares = [sum(off <= k for off in within) / len(within) for k in (1.0, 2.0)]
+        mine = {k: [r for r in rows if r["planted"] == planted.name] for k, rows in files.items()}
+        if any(mine.values()):
+            counts = " | ".join(_counts(planted, rows) for rows in mine.values())
+            causes = (r["suspects"][0]["cause"] if r["suspects"] else "none" for r in mine[first])
+            often = ", ".join(f"{cause} {count}" for cause, count in Counter(causes).most_common())
+            yield f"| {planted.name} | {counts} | {often} |"
+    for name, rows in files.items():
+        within = [e for r in rows for e in _errors_off(BY_NAME[r["planted"]].faults(r["seed"]), r)]
+        cpu_s = [row["cpu_s"] for row in rows]
         yield ""
         yield (
-            f"Of {len(within)} amounts with a stated error {shares[0]:.0%} lie within one of it, "
-            f"{shares[1]:.0%} within two."
+            f"{name}: of {len(within)} amounts with a stated error "
+            f"{np.mean(np.array(within) <= 1.0):.0%} lie within one of it, "
+            f"{np.mean(np.array(within) <= 2.0):.0%} within two; "
+            f"{np.mean(cpu_s):.1f} s of CPU a session, {max(cpu_s):.0f} at most."
         )
+
+
+def _counts(planted: Planted, rows: Sequence[Row]) -> str:
+    """How often the right cause came first, and how often all amounts were right."""
+    if not rows:
+        return "- | -"
+    named, right = map(sum, zip(*(verdict(planted, row) for row in rows), strict=True))
+    checked = any(map(has_amount, planted.faults(rows[0]["seed"])))
+    return f"{named} of {len(rows)} | {right if checked else '-'}"
 
 
 def _errors_off(faults: Iterable[Fault], row: Row) -> Iterator[float]:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapping.diagnosis.case import Case
+from mapping.diagnosis.causes.cross_talk import talking
 from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect
 from mapping.diagnosis.facing import Acceptance, acceptance, walls_of
 from mapping.diagnosis.hypothesis import Hypothesis
@@ -25,16 +26,17 @@ class Cones(Cause):
 
     def examine(self, case: Case, hypothesis: Hypothesis) -> Iterator[Suspect]:
         """One sonar after the other."""
-        walls = walls_of(case, hypothesis)
+        walls, talk = walls_of(case, hypothesis), talking(case, hypothesis)
         for sensor in case.wide:
             if case.placed.sensors[sensor].radiation is not Radiation.ULTRASOUND:
                 continue  # light that is averaged over a cone
             edges = acceptance(case, hypothesis, sensor, walls)
             if edges is not None:
-                yield from _of_edges(case, sensor, edges)
+                yield from _of_edges(case, sensor, edges, sensor in talk)
 
 
-def _of_edges(case: Case, sensor: str, edges: Acceptance) -> Iterator[Suspect]:
+def _of_edges(case: Case, sensor: str, edges: Acceptance, talks: bool) -> Iterator[Suspect]:
+    """One that ``talks`` measures few walls at the edges of its cone: others are louder there."""
     known = next(each for each in case.readings.sensors if each.name == sensor)
     times = 2.0 * edges.half_width_rad / known.beam_width_rad
     plot = Plot(
@@ -43,7 +45,7 @@ def _of_edges(case: Case, sensor: str, edges: Acceptance) -> Iterator[Suspect]:
         line=np.column_stack([np.degrees(edges.angle_rad), edges.share])[np.isfinite(edges.share)],
         mark=math.degrees(edges.yaw_rad),
     )  # fmt: skip
-    if times > _WIDER or times < _NARROWER:
+    if times > _WIDER or (times < _NARROWER and not talks):
         width_deg = math.degrees(2.0 * edges.half_width_rad)
         yield Suspect(
             "beam", sensor,
