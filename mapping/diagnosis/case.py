@@ -29,6 +29,7 @@ from recorder.sensors import CATALOGUE
 THIN_RAD = math.radians(10.0)
 _MOST_READINGS = 20_000
 _MOST_AXES = 40_000
+_MOST_ON_WALLS = 4_000
 _FINEST_M = 0.02
 _MOST_CELLS = 1_000_000
 _MARGIN_M = 0.4
@@ -98,7 +99,8 @@ class Case:
         hypothesis holds."""
         key = (hypothesis, wide)
         if key not in self.walls:
-            self.walls[key] = on_walls(self.beams(self.thin), hypothesis, wide, self.blocks)
+            beams = ThinBeams(self.session, self.thin, self.block, _MOST_ON_WALLS)
+            self.walls[key] = on_walls(beams, hypothesis, wide, self.blocks)
         return self.walls[key]
 
     def score(self, hypothesis: Hypothesis, sensors: Sequence[str] = ()) -> Judged:

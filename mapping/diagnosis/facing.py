@@ -132,21 +132,27 @@ def acceptance(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) ->
         return None
     middle = edges[:-1] + _BIN_RAD / 2
     share = np.where(count >= _FEWEST_IN_BIN, hits / np.maximum(count, 1.0), np.nan)
-    yaw_rad, edge_rad, fitted = likeliest_edges(middle, hits, count)
-    if not _EDGES_RAD[0] < edge_rad < _EDGES_RAD[-1]:
-        return None
-    return Acceptance(middle, share, fitted, yaw_rad, edge_rad)
+    # Where the walls at one side were always near enough only the other edge shows, and the yaw
+    # must be taken as it is stated.
+    for yaws_rad in (_YAWS_RAD, np.zeros(1)):
+        yaw_rad, edge_rad, fitted = likeliest_edges(middle, hits, count, yaws_rad)
+        if _EDGES_RAD[0] < edge_rad < _EDGES_RAD[-1]:
+            return Acceptance(middle, share, fitted, yaw_rad, edge_rad)
+    return None
 
 
-def likeliest_edges(angle_rad: Floats, hits: Floats, count: Floats) -> tuple[float, float, Floats]:
-    """The middle and half the distance of two edges between which a share is high, and the curve.
+def likeliest_edges(
+    angle_rad: Floats, hits: Floats, count: Floats, yaws_rad: Floats = _YAWS_RAD
+) -> tuple[float, float, Floats]:
+    """The middle (one of some yaws) and half the distance of two edges between which a share is
+    high, and the curve.
 
     The best of a grid by the binomial likelihood of ``hits`` of ``count`` (B,): the edges are
     logistic, the share beyond them is chance, and between them what fits best.
     """
     best, found = -math.inf, (0.0, 0.0, np.zeros(len(angle_rad)))
     for slope_rad in _SLOPES_RAD:
-        off = angle_rad[None, None, :] - _YAWS_RAD[:, None, None]
+        off = angle_rad[None, None, :] - yaws_rad[:, None, None]
         off = np.minimum(off + _EDGES_RAD[None, :, None], _EDGES_RAD[None, :, None] - off)
         inside = 1.0 / (1.0 + np.exp(np.clip(-off / slope_rad, -40.0, 40.0)))
         mass = np.maximum(np.square(inside) @ count, 1e-9)
@@ -157,7 +163,7 @@ def likeliest_edges(angle_rad: Floats, hits: Floats, count: Floats) -> tuple[flo
             at = np.unravel_index(int(np.argmax(likelihood)), likelihood.shape)
             if likelihood[at] > best:
                 best = float(likelihood[at])
-                found = float(_YAWS_RAD[at[0]]), float(_EDGES_RAD[at[1]]), share[at]
+                found = float(yaws_rad[at[0]]), float(_EDGES_RAD[at[1]]), share[at]
     return found
 
 

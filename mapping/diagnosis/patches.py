@@ -72,16 +72,18 @@ class Points:
 
 
 class ThinBeams:
-    """The echoes of some sensors of a session, for any hypothesis."""
+    """The echoes of some sensors of a session, every so-many-th of them, for any hypothesis."""
 
-    def __init__(self, session: Session, sensors: Sequence[str], block: Ints) -> None:
+    def __init__(
+        self, session: Session, sensors: Sequence[str], block: Ints, most: int = MOST_POINTS
+    ) -> None:
         readings = session.readings
         self.session, self.block = session, block
         self._row = np.repeat(np.arange(len(readings)), np.diff(readings.begins))
         wanted = np.array([sensor.name in sensors for sensor in readings.sensors], np.bool_)
         mine = wanted[readings.sensor[self._row]] & np.isfinite(readings.ranges_m)
         axes = np.flatnonzero(mine)
-        self.axis = axes[:: max(1, len(axes) // MOST_POINTS)]
+        self.axis = axes[:: max(1, len(axes) // most)]
         errors = np.array([Mixture.of(sensor).error for sensor in readings.sensors])
         error = errors[readings.sensor[self._row[self.axis]]]
         noise_rad = heading_noise_rad(session.placement.track, _GAP_S)
