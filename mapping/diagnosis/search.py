@@ -32,6 +32,7 @@ _SURE_OF_MOUNT = 3.0  # of a turn beside a shift, and the other way round, where
 _STATED = 1.5  # times those: as planted amounts scattered about what was found of them
 _AS_MANY = 0.02  # points on walls, of all: fewer and fits hardly differ
 _TORN = 0.1  # so many fewer: walls are torn apart
+_COST_OF_WALLS = 0.1  # of a share of the points, in log-likelihood a reading: about
 _APART = 0.2  # of the usual fault: so far apart fits from other starts may come out
 _BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
@@ -65,13 +66,21 @@ class Found:
     """A number that counts: the whole hypothesis, and what the score gains by this number, or where
     it gains nothing sure by it alone, by all together.
 
-    ``error`` is its standard error; NaN where only the score speaks.
+    ``error`` is its standard error; NaN where only the score speaks. ``on_walls`` is which share of
+    the points of thin beams lies on walls without it, and with it.
     """
 
     number: Number
     hypothesis: Hypothesis
     error: float
     gain: Gain
+    on_walls: tuple[float, float] | None = None
+
+    @property
+    def cost(self) -> float:
+        """What it costs in log-likelihood a reading; by the walls where the score sees nothing."""
+        before, after = self.on_walls or (0.0, 0.0)
+        return max(self.gain.mean, _COST_OF_WALLS * (after - before))
 
 
 def search(
@@ -236,9 +245,9 @@ def _those_that_count(
         if alone.failed:
             return start, []
         found = [
-            Found(each, alone.hypothesis, _STATED * alone.error_of(each), gain)
+            each
             for fault in _faults(left)
-            for each, gain in _counted(case, alone, fault, seen, start, alike)
+            for each in _counted(case, alone, fault, seen, start, alike)
         ]
         if len(found) == len(left):
             return alone.hypothesis, found
@@ -259,7 +268,7 @@ def _faults(numbers: Sequence[Number]) -> list[list[Number]]:
 def _counted(
     case: Case, alone: Fit, fault: Sequence[Number], seen: set[Number], start: Hypothesis,
     alike: set[Number],
-) -> Iterator[tuple[Number, Gain]]:  # fmt: skip
+) -> Iterator[Found]:  # fmt: skip
     """Which numbers of a fault count, and what the score gains by all of them.
 
     The score hardly tells a turn from a shift of a mount, so both together must stand out as any
@@ -269,21 +278,21 @@ def _counted(
     judged = case.score(alone.hypothesis)
     others = _only(case, alone, [n for n in alone.numbers if n not in fault], start)
     gain, sure = judged.gain_over(case.score(others.hypothesis)), SURE
+    walls = [case.on_walls(each.hypothesis, alone.width) for each in (others, alone)]
     if surest in seen and not _gains(gain):
         gain = judged.gain_over(case.score(start))
         sure = _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS
         sure = sure if gain.high > 0.0 else _SURE_AGAINST
-        on_walls = case.on_walls(alone.hypothesis, alone.width).gain_over(
-            case.on_walls(others.hypothesis, alone.width)
-        )
-        if on_walls.low > 0.0 and on_walls.mean > _AS_MANY:
-            sure = _SURE_BESIDE
+        more = walls[1].gain_over(walls[0])
+        sure = _SURE_BESIDE if more.low > 0.0 and more.mean > _AS_MANY else sure
         sure = sure if surest in alike else math.inf
-    if standing_out(alone, fault) >= sure:
-        for each in fault:
-            errors = abs(alone.significance(each))
-            if _is_believed(alone, each) and (each == surest or errors >= _SURE_OF_MOUNT):
-                yield each, gain
+    if standing_out(alone, fault) < sure:
+        return
+    for each in fault:
+        errors = abs(alone.significance(each))
+        if _is_believed(alone, each) and (each == surest or errors >= _SURE_OF_MOUNT):
+            error = _STATED * alone.error_of(each)
+            yield Found(each, alone.hypothesis, error, gain, (walls[0].mean, walls[1].mean))
 
 
 def _only(case: Case, whole: Fit, numbers: Sequence[Number], start: Hypothesis) -> Fit:

@@ -11,7 +11,14 @@ import math
 from collections.abc import Iterator
 
 from mapping.diagnosis.case import Case
-from mapping.diagnosis.causes.interface import Cause, Settings, Suspect, how_sure, profile
+from mapping.diagnosis.causes.interface import (
+    Cause,
+    Settings,
+    Suspect,
+    how_sure,
+    profile,
+    walls_text,
+)
 from mapping.diagnosis.fitting import fit
 from mapping.diagnosis.hypothesis import (
     Hypothesis,
@@ -75,7 +82,7 @@ class Headings(Cause):
         return Suspect(
             self.name, "",
             f"the headings are {math.degrees(abs(value)):.2g}{known} degrees too far to the {side}",
-            tuple(_evidence(case)), found.gain.mean, how_sure(found.gain, errors),
+            (*_evidence(case), *walls_text(found)), found.cost, how_sure(found.gain, errors),
             self.settings(case, hypothesis, ""), value=value, unit="rad", gain=found.gain,
             plots=(profile(case, number, hypothesis, _SHOWN_RAD),),
         )  # fmt: skip
@@ -164,9 +171,12 @@ class Drift(Cause):
         return Suspect(
             self.name, what,
             f"the {what} drift by {times * size:.2g}{known} {unit} a minute {way}",
-            (f"the same wall lies elsewhere the later it is seen; "
-             f"{times / 60.0 * size * lasted_s:.2g} {unit} over the whole session",),
-            found.gain.mean, how_sure(found.gain, size / error if error > 0 else math.nan),
+            (
+                f"the same wall lies elsewhere the later it is seen; "
+                f"{times / 60.0 * size * lasted_s:.2g} {unit} over the whole session",
+                *walls_text(found),
+            ),
+            found.cost, how_sure(found.gain, size / error if error > 0 else math.nan),
             self.settings(case, hypothesis, ""), value=rate,
             unit="rad/s" if number.key == "heading_radps" else "m/s", gain=found.gain,
             error=error if error > 0 else None,

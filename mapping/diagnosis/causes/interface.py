@@ -128,6 +128,16 @@ def how_sure(gain: Gain | None, errors: float) -> str:
     return "possible"
 
 
+def walls_text(found: Found) -> Iterator[str]:
+    """How many echoes lie on walls with it mended, where that are more."""
+    before, after = found.on_walls or (0.0, 0.0)
+    if after - before >= 0.01:
+        yield (
+            f"{after:.0%} of the thin beams' echoes lie on straight pieces of wall with it mended, "
+            f"{before:.0%} without"
+        )
+
+
 def profile(case: Case, number: Number, hypothesis: Hypothesis, values: Sequence[float]) -> Plot:
     """The score over a number, all else as the hypothesis has it."""
     rows = [

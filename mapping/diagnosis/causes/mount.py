@@ -7,7 +7,14 @@ from collections.abc import Iterator
 
 from mapping.diagnosis.case import Case
 from mapping.diagnosis.causes.headings import travel_text
-from mapping.diagnosis.causes.interface import Cause, Settings, Suspect, how_sure, profile
+from mapping.diagnosis.causes.interface import (
+    Cause,
+    Settings,
+    Suspect,
+    how_sure,
+    profile,
+    walls_text,
+)
 from mapping.diagnosis.hypothesis import Hypothesis, Number, offset_of_poses, x_of, y_of, yaw_of
 from mapping.diagnosis.pose_quality import travel
 from mapping.diagnosis.search import Candidate, Found
@@ -71,9 +78,9 @@ class Mount(Cause):
             (
                 "seen from different directions the same wall lies at different places; with the "
                 "mount mended its readings agree",
-                *_or_the_headings(case, number),
+                *walls_text(found), *_or_the_headings(case, number),
             ),
-            found.gain.mean, how_sure(found.gain, errors),
+            found.cost, how_sure(found.gain, errors),
             self.settings(case, hypothesis, sensor), value=value,
             unit="rad" if number.key == "yaw_rad" else "m", gain=found.gain,
             error=error if error > 0 else None,

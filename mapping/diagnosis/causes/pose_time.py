@@ -6,7 +6,14 @@ import math
 from collections.abc import Iterator
 
 from mapping.diagnosis.case import Case
-from mapping.diagnosis.causes.interface import Cause, Settings, Suspect, how_sure, profile
+from mapping.diagnosis.causes.interface import (
+    Cause,
+    Settings,
+    Suspect,
+    how_sure,
+    profile,
+    walls_text,
+)
 from mapping.diagnosis.hypothesis import Hypothesis, Number, offset_of_poses
 from mapping.diagnosis.search import Candidate, Found
 
@@ -44,8 +51,9 @@ class PoseTime(Cause):
             (
                 "seen while the robot turns or drives, the same wall lies at different places; "
                 "with the poses moved in time the readings agree",
+                *walls_text(found),
             ),
-            found.gain.mean, how_sure(found.gain, errors),
+            found.cost, how_sure(found.gain, errors),
             self.settings(case, hypothesis, ""), value=offset_s, unit="s", gain=found.gain,
             error=error_s if error_s > 0 else None,
             plots=(profile(case, number, hypothesis, _SHOWN_S),),

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from mapping.diagnosis.case import Case
-from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect, how_sure
+from mapping.diagnosis.causes.interface import Cause, Plot, Settings, Suspect, how_sure, walls_text
 from mapping.diagnosis.hypothesis import Hypothesis, Number, bias_of, scale_of
 from mapping.diagnosis.patches import find_patches
 from mapping.diagnosis.search import Candidate, Found
@@ -62,7 +62,7 @@ class Ranges(Cause):
         return Suspect(
             self.name, sensor,
             f"{sensor} reads {times * abs(excess):.1f} +- {times * found.error:.1f} {unit} {way}",
-            tuple(evidence), max(found.gain.mean, 0.1 * abs(excess) / number.usual * 0.05),
+            (*evidence, *walls_text(found)), max(found.cost, 0.1 * abs(excess) / number.usual * 0.05),
             how_sure(None, abs(excess) / found.error), self.settings(case, hypothesis, sensor),
             value=hypothesis.number(number), unit="times" if number.key == "scale" else "m",
             error=found.error, gain=found.gain,
