@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
 from mapping.config import MappingConfig, validate
 from mapping.diagnosis.case import Case, case_of
 from mapping.diagnosis.causes.channels import Channels, exchanged, swaps
-from mapping.diagnosis.causes.interface import Evidence, Suspect
+from mapping.diagnosis.causes.interface import Evidence, Plot, Suspect
 from mapping.diagnosis.causes.silence import Silence, stuck_readings
 from mapping.diagnosis.causes.table import CAUSES
 from mapping.diagnosis.hypothesis import Hypothesis
@@ -26,7 +26,8 @@ class Diagnosis:
 
     ``score`` and ``mended`` are the session's score without truth, as it is and by ``hypothesis``;
     ``gain`` is the difference, None where nothing numeric was found. ``fix`` are the settings,
-    nested as a configuration; ``config`` is the whole configuration with them.
+    nested as a configuration; ``config`` is the whole configuration with them. ``plots`` show
+    where the echoes of thin beams lie, as recorded and by ``hypothesis``, where these differ.
     """
 
     suspects: tuple[Suspect, ...]
@@ -38,6 +39,7 @@ class Diagnosis:
     config: MappingConfig
     readings: int
     notes: tuple[str, ...]
+    plots: tuple[Plot, ...] = ()
 
 
 def diagnose(
@@ -84,7 +86,15 @@ def diagnose(
     return Diagnosis(
         tuple(found), hypothesis, before.scores.mean, after.scores.mean, gain, fix,
         validate(merged([_set(config), fix])), len(case.readings), _notes(case),
+        tuple(_echoes(case, hypothesis)) if taken else (),
     )  # fmt: skip
+
+
+def _echoes(case: Case, hypothesis: Hypothesis) -> Iterator[Plot]:
+    for title, each in (("as recorded", NO_FAULT), ("mended", hypothesis)):
+        at_m = case.beams(case.thin).points(each).at_m
+        yield Plot(f"echoes of {' and '.join(case.thin)}, {title}", "x (m)", "y (m)", at_m,
+                   is_map=True)  # fmt: skip
 
 
 def _notes(case: Case) -> tuple[str, ...]:

@@ -12,7 +12,8 @@ from mapping.diagnosis.diagnosing import Diagnosis
 from recorder.columns import Floats
 from replay.diagnosis.text import gain_text, settings_lines
 
-_WIDTH, _HEIGHT, _LEFT, _BOTTOM, _TOP = 560, 300, 64, 44, 28
+_WIDTH, _LEFT, _BOTTOM, _TOP = 560, 64, 44, 28
+_HEIGHT, _MAP_HEIGHT = 300, 480
 _MOST_POINTS = 3000
 _STYLE = """
 body { font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: 2rem auto; padding: 0 1rem;
@@ -20,6 +21,7 @@ body { font: 16px/1.5 system-ui, sans-serif; max-width: 46rem; margin: 2rem auto
 h1 { font-size: 1.5rem; } h2 { font-size: 1.15rem; margin-top: 2.2rem; }
 pre { background: #f3f5f7; padding: .7rem 1rem; overflow-x: auto; }
 .sure { color: #57606a; font-weight: normal; } svg { max-width: 100%; height: auto; }
+.maps { display: flex; flex-wrap: wrap; } .maps svg { flex: 1 1 20rem; min-width: 0; }
 """
 
 
@@ -43,6 +45,8 @@ def _body(diagnosis: Diagnosis, name: str) -> Iterator[str]:
     if diagnosis.gain is not None:
         yield f" With all that was found: {diagnosis.mended:.3f}, {gain_text(diagnosis.gain)}."
     yield "</p>"
+    if diagnosis.plots:
+        yield f'<div class="maps">{"".join(map(svg, diagnosis.plots))}</div>'
     if not diagnosis.suspects:
         yield "<p>Nothing was found that makes this map worse.</p>"
     for number, suspect in enumerate(diagnosis.suspects, 1):
@@ -85,24 +89,28 @@ def svg(plot: Plot) -> str:
         return ""
     every = np.concatenate(shown)
     low, high = _bounds(every[:, 0]), _bounds(every[:, 1])
-    parts = [_axes(plot, low, high)]
+    height = _MAP_HEIGHT if plot.is_map else _HEIGHT
+    if plot.is_map:
+        low, high = _alike(low, high, height)
+    parts = [_axes(plot, low, high, height)]
     if plot.mark is not None and low[0] <= plot.mark <= low[1]:
-        at = _place(np.array([[plot.mark, high[0]]]), low, high)[0, 0]
+        at = _place(np.array([[plot.mark, high[0]]]), low, high, height)[0, 0]
         parts.append(
-            f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{_TOP}" y2="{_HEIGHT - _BOTTOM}" '
+            f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{_TOP}" y2="{height - _BOTTOM}" '
             'stroke="#bf5700" stroke-dasharray="5 4"/>'
         )
     if plot.points is not None and len(plot.points):
         some = plot.points[:: max(1, len(plot.points) // _MOST_POINTS)]
         dots = "".join(
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.4"/>' for x, y in _place(some, low, high)
+            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.4"/>'
+            for x, y in _place(some, low, high, height)
         )
         parts.append(f'<g fill="#2f6f9f" fill-opacity=".45">{dots}</g>')
     if plot.line is not None and len(plot.line):
-        way = " ".join(f"{x:.1f},{y:.1f}" for x, y in _place(plot.line, low, high))
+        way = " ".join(f"{x:.1f},{y:.1f}" for x, y in _place(plot.line, low, high, height))
         parts.append(f'<polyline points="{way}" fill="none" stroke="#2f6f9f" stroke-width="2"/>')
     return (
-        f'<svg viewBox="0 0 {_WIDTH} {_HEIGHT}" width="{_WIDTH}" height="{_HEIGHT}" role="img" '
+        f'<svg viewBox="0 0 {_WIDTH} {height}" width="{_WIDTH}" height="{height}" role="img" '
         f'font-size="12" fill="#1b1f24">{"".join(parts)}</svg>'
     )
 
@@ -114,12 +122,24 @@ def _bounds(values: Floats) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _place(points: Floats, x: tuple[float, float], y: tuple[float, float]) -> Floats:
+def _alike(
+    x: tuple[float, float], y: tuple[float, float], height: int
+) -> list[tuple[float, float]]:
+    """The same middles, and as many metres a point of the picture on both axes."""
+    sizes = (_WIDTH - _LEFT - 16, height - _TOP - _BOTTOM)
+    scale = max((b - a) / size for (a, b), size in zip((x, y), sizes, strict=True))
+    return [
+        (0.5 * (a + b - scale * size), 0.5 * (a + b + scale * size))
+        for (a, b), size in zip((x, y), sizes, strict=True)
+    ]
+
+
+def _place(points: Floats, x: tuple[float, float], y: tuple[float, float], height: int) -> Floats:
     across = (points[:, 0] - x[0]) / (x[1] - x[0]) * (_WIDTH - _LEFT - 16) + _LEFT
-    up = (points[:, 1] - y[0]) / (y[1] - y[0]) * (_HEIGHT - _TOP - _BOTTOM)
+    up = (points[:, 1] - y[0]) / (y[1] - y[0]) * (height - _TOP - _BOTTOM)
     inside = (points[:, 0] >= x[0]) & (points[:, 0] <= x[1])
     inside &= (points[:, 1] >= y[0]) & (points[:, 1] <= y[1])
-    return np.column_stack([across, _HEIGHT - _BOTTOM - up])[inside]
+    return np.column_stack([across, height - _BOTTOM - up])[inside]
 
 
 def ticks(low: float, high: float) -> Floats:
@@ -132,21 +152,21 @@ def ticks(low: float, high: float) -> Floats:
     )
 
 
-def _axes(plot: Plot, x: tuple[float, float], y: tuple[float, float]) -> str:
-    base = _HEIGHT - _BOTTOM
+def _axes(plot: Plot, x: tuple[float, float], y: tuple[float, float], height: int) -> str:
+    base = height - _BOTTOM
     parts = [
         f'<text x="{_LEFT}" y="16" font-weight="600">{html.escape(plot.title)}</text>',
         f'<path d="M{_LEFT} {_TOP}V{base}H{_WIDTH - 16}" fill="none" stroke="#8c959f"/>',
-        f'<text x="{(_LEFT + _WIDTH) / 2}" y="{_HEIGHT - 8}" text-anchor="middle">'
+        f'<text x="{(_LEFT + _WIDTH) / 2}" y="{height - 8}" text-anchor="middle">'
         f"{html.escape(plot.x)}</text>",
         f'<text transform="translate(14 {(base + _TOP) / 2}) rotate(-90)" text-anchor="middle">'
         f"{html.escape(plot.y)}</text>",
     ]
     for value in ticks(*x):
-        at = _place(np.array([[value, y[0]]]), x, y)[0, 0]
+        at = _place(np.array([[value, y[0]]]), x, y, height)[0, 0]
         parts.append(f'<text x="{at:.1f}" y="{base + 16}" text-anchor="middle">{value:g}</text>')
     for value in ticks(*y):
-        at = _place(np.array([[x[0], value]]), x, y)[0, 1]
+        at = _place(np.array([[x[0], value]]), x, y, height)[0, 1]
         parts.append(
             f'<text x="{_LEFT - 6}" y="{at + 4:.1f}" text-anchor="end">{value:g}</text>'
             f'<path d="M{_LEFT} {at:.1f}H{_WIDTH - 16}" stroke="#8c959f" stroke-opacity=".25"/>'

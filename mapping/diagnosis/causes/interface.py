@@ -27,7 +27,10 @@ Settings = Mapping[str, Any]  # as a configuration nests them
 
 @dataclass(frozen=True, slots=True)
 class Plot:
-    """A picture of the evidence: points (N, 2) and lines (M, 2), with what the axes are."""
+    """A picture of the evidence: points (N, 2) and lines (M, 2), with what the axes are.
+
+    ``is_map``: a metre is as long on both axes.
+    """
 
     title: str
     x: str
@@ -35,6 +38,7 @@ class Plot:
     points: Floats | None = None
     line: Floats | None = None
     mark: float | None = None  # where on the x axis the finding lies
+    is_map: bool = False
 
 
 @dataclass(frozen=True, slots=True)

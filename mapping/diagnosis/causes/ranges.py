@@ -13,6 +13,7 @@ from mapping.diagnosis.patches import find_patches
 from mapping.diagnosis.search import Candidate, Found
 
 _LEAST_OF_CONES = 0.016
+_COST_OF_USUAL = 0.005  # of the usual fault, at least, in log-likelihood a reading
 
 
 class Ranges(Cause):
@@ -62,7 +63,8 @@ class Ranges(Cause):
         return Suspect(
             self.name, sensor,
             f"{sensor} reads {times * abs(excess):.1f} +- {times * found.error:.1f} {unit} {way}",
-            (*evidence, *walls_text(found)), max(found.cost, 0.1 * abs(excess) / number.usual * 0.05),
+            (*evidence, *walls_text(found)),
+            max(found.cost, _COST_OF_USUAL * abs(excess) / number.usual),
             how_sure(None, abs(excess) / found.error), self.settings(case, hypothesis, sensor),
             value=hypothesis.number(number), unit="times" if number.key == "scale" else "m",
             error=found.error, gain=found.gain,
