@@ -25,7 +25,7 @@ from recorder.columns import Ints
 
 LEAST_GAIN = 0.005  # in log-likelihood a reading
 LEAST_SHARE = 0.18  # of a sensor's readings
-_COST = 0.1  # of a share, at least, in log-likelihood a reading
+_COST = 0.2  # of a share, at least, in log-likelihood a reading: more than far echoes cost by them
 _MOST_REJECTED = 0.5  # of a sensor's readings: a filter that leaves out more is no filter
 _SHOWN = 20
 _MOST_PREDICTED = 10_000  # readings of a sensor: more take seconds by this filter
