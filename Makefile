@@ -39,6 +39,7 @@ screenshot: $(VENV)/.installed-dev ## Make all pictures of the README and the do
 	-$(BIN)/python -m docs.make_lidar_pictures
 	$(BIN)/python docs/make_firmware_pictures.py
 	$(BIN)/python docs/make_chapter_pictures.py
+	$(BIN)/python -m docs.make_diagnose_picture
 
 site: $(VENV)/.installed-dev ## Build the documentation as a site, build/site/index.html
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build -q -f docs/site/mkdocs.yml

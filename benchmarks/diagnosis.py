@@ -24,11 +24,11 @@ import numpy as np
 
 from benchmarks.planted import (
     PLANTED,
-    RECORDINGS,
     Fault,
     Planted,
     has_amount,
     recorded,
+    recordings,
     simulated,
 )
 from mapping.config import load_config
@@ -52,9 +52,14 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     asked = parser.parse_args()
     if asked.what == "run":
+        if len(asked.results) > 1 or (asked.recorded and not recordings(asked.recorded)):
+            parser.error("one file to write, and recordings NAME_A.mcap or NAME_B.mcap")
         _run(asked)
     elif asked.what == "table":
-        print("\n".join(table({path.stem: _rows(path) for path in asked.results})))
+        files = {path.stem: _rows(path) for path in asked.results}
+        if len(files) < len(asked.results) or not all(files.values()):
+            parser.error("each file needs rows, and a name of its own")
+        print("\n".join(table(files)))
     else:
         print("\n".join(misses(row for path in asked.results for row in _rows(path))))
 
@@ -74,7 +79,7 @@ def _run(asked: argparse.Namespace) -> None:
         for each in PLANTED:
             if each.recorded or asked.recorded is None:
                 # The same fault in the same recording is the same case, whatever the seed.
-                session = seed if asked.recorded is None else seed % RECORDINGS
+                session = seed % len(recordings(asked.recorded)) if asked.recorded else seed
                 cases.setdefault((each.name, session, each.faults(seed)), (each.name, seed))
     wanted = [
         (name, seed, duration_s, asked.recorded)

@@ -31,7 +31,6 @@ TEN_MS, ONE_DEG, FIVE_MM, HALF_PERCENT = 0.010, math.radians(1.0), 0.005, 0.005
 BEAM_WITHIN = 1.25  # times: how near the width of a cone must be found
 SWAP_WITHIN_S = 5.0
 OUT_WITHIN_S = 3.0  # of a sensor's silence: so much may be missed of it, and so much named besides
-RECORDINGS = 8  # of the other simulator: four rooms, with exact poses and with noisy ones
 OUT_S = 20.0  # how long a sensor is stuck or dead
 OTHER = {"ping": "dirrs", "dirrs": "ping"}
 
@@ -304,10 +303,14 @@ def _moved(fault: Fault) -> SE2:
     return SE2(*(fault.amount if fault.kind == k else 0.0 for k in ("ahead", "left", "yaw")))
 
 
+def recordings(folder: Path) -> list[Path]:
+    """Those with exact poses and those with noisy ones."""
+    return sorted(folder.glob("*_[AB].mcap"))
+
+
 def recorded(planted: Planted, seed: int, folder: Path) -> HasBlocks:
     """A recorded session with the faults: those with exact poses and with noisy ones in turn."""
-    names = sorted(path for path in folder.glob("*_[AB].mcap"))
-    blocks = list(open_session(names[seed % RECORDINGS]).blocks())
+    blocks = list(open_session(recordings(folder)[seed % len(recordings(folder))]).blocks())
     start_ns = min(int(c.t_ns.min()) for b in blocks for c in b.of(RangeColumns) if len(c))
     first = {c.sensor: c[:1] for b in reversed(blocks) for c in b.of(RangeColumns) if len(c)}
     for fault in planted.faults(seed):

@@ -1,11 +1,13 @@
 """Draw the picture of ``docs/diagnose.md`` again: ``python -m docs.make_diagnose_picture``.
 
 Where the echoes of an infrared ranger lie before and after ``diagnose``, of the session that the
-page makes: turned by 8 degrees, shifted by 3 cm, and with poses 100 ms late.
+page makes first.
 """
 
 from __future__ import annotations
 
+import re
+import shlex
 import tempfile
 from pathlib import Path
 
@@ -19,16 +21,18 @@ from recorder.session.columns import open_session
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
-IMAGE = Path(__file__).resolve().parent / "images" / "diagnose.png"
-SESSION = ("simulate", "l-room", "--duration", "200", "--seed", "9", "--mount-error",
-           "dirrs=0,0.03,8", "--pose-delay", "0.1", "-o")  # fmt: skip
+DOCS = Path(__file__).resolve().parent
+IMAGE = DOCS / "images" / "diagnose.png"
 
 
 def main() -> None:
     """Simulate, diagnose, draw."""
+    command = re.search(r"^echogrid (simulate .*)$", (DOCS / "diagnose.md").read_text(), re.M)
+    assert command is not None
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "bad.mcap"
-        echogrid([*SESSION, str(path)])
+        words = [str(path) if word == path.name else word for word in shlex.split(command[1])]
+        echogrid(words)
         found = diagnose(open_session(path), load_config())
     figure, axes = plt.subplots(
         1, 2, figsize=(9.0, 4.2), sharex=True, sharey=True, layout="constrained"

@@ -16,6 +16,14 @@ NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?")
 PAGE = ROOT / "docs" / "diagnose.md"
 
 
+def alike(shown: str, printed: str) -> bool:
+    """The same words, and numbers within a tenth or 0.03."""
+    if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
+        return False
+    said, found = ([float(each) for each in NUMBER.findall(line)] for line in (shown, printed))
+    return found == pytest.approx(said, rel=0.1, abs=0.03)
+
+
 def test_a_bad_session_and_only_this_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -25,14 +33,11 @@ def test_a_bad_session_and_only_this_command(
     codes = [main(shlex.split(line)[1:]) for line in commands.splitlines()]
     assert codes == [0, 1, 0, 0]  # 1: something was found
     printed = capsys.readouterr().out
-    lines = {NUMBER.sub("#", line): line for line in reversed(printed.splitlines())}
+    lines = printed.splitlines()
     for line in shown.splitlines():
-        assert line.strip() == "..." or NUMBER.sub("#", line) in lines
-    for at, (truth, within) in enumerate([(8.0, 1.0), (3.0, 0.9), (100.0, 5.0)], 1):
-        (head,) = re.findall(rf"^{at}\. \D*([\d.]+) \+- ", printed, re.MULTILINE)
-        assert float(head) == pytest.approx(truth, abs=within)
+        assert line.strip() == "..." or any(alike(line, each) for each in lines), line
     drawn = re.findall(r"^dirrs +grid +\d+ +[\d.]+ +(\d+)/", printed, re.MULTILINE)
-    said = re.search(r"Of the walls (\d+) % were .* and (\d+) % are with", text)
+    said = re.search(r"saw (\d+) % were drawn .* and (\d+) % are with", text)
     assert said is not None
-    assert [float(each) for each in drawn] == pytest.approx([*map(float, said.groups())], abs=8.0)
+    assert [float(each) for each in drawn] == pytest.approx([*map(float, said.groups())], abs=3.0)
     assert "<svg" in Path("bad.html").read_text("utf-8")

@@ -36,7 +36,7 @@ from mapping.diagnosis.hypothesis import (
     yaw_of,
 )
 from mapping.diagnosis.own_walls import expected_echoes
-from mapping.diagnosis.patches import Points, find_patches
+from mapping.diagnosis.patches import Points, ThinBeams, find_patches
 from mapping.diagnosis.pose_quality import heading_noise_rad, is_rough, jumps, relocations
 from mapping.diagnosis.pruning import needed
 from mapping.diagnosis.slopes import Met, differences, slopes
@@ -65,10 +65,12 @@ class Kept:
         return map(choice.of, self._blocks)
 
 
-def messages(faults: RunFaults | None = None, room: str = "cluttered") -> tuple[Message, ...]:
+def messages(
+    faults: RunFaults | None = None, room: str = "cluttered", seed: int = 2
+) -> tuple[Message, ...]:
     if faults is None:
         return sound_messages()
-    run = simulate(ROOMS[room], duration_s=DURATION_S, seed=2, faults=faults)
+    run = simulate(ROOMS[room], duration_s=DURATION_S, seed=seed, faults=faults)
     return tuple(message for _, message in run)
 
 
@@ -141,7 +143,7 @@ def test_walls_tell_how_a_thin_beam_is_turned(yaw_deg: float, y_m: float, scale:
     )
     known = Hypothesis().with_sensor("dirrs", y_m=-y_m, scale=scale)
     planted = Session(case.session.under(wrong), case.placed.placement)
-    twisted = replace(case, session=planted, scores={})
+    twisted = replace(case, session=planted)
     number = yaw_of("dirrs")
     found = fit(twisted.beams(["dirrs"]), [number], known)
     assert not found.failed
@@ -232,6 +234,16 @@ def test_edges_of_a_share_are_found(yaw_deg: float, edge_deg: float, seed: int) 
     assert math.degrees(found_edge) == pytest.approx(edge_deg, abs=2.5)
 
 
+def test_one_edge_tells_the_width_of_a_cone_that_sits_as_stated() -> None:
+    angle = np.radians(np.arange(-75.0, 76.0, 2.0))
+    count = np.full(len(angle), 50.0)
+    count[angle < math.radians(-40.0)] = 0.0  # to that side walls were never so far aslant
+    hits = np.where(angle < math.radians(50.0), 45.0, 2.0) * (count > 0.0)
+    yaw_rad, edge_rad, _ = likeliest_edges(angle, hits, count, np.zeros(1))
+    assert yaw_rad == 0.0
+    assert math.degrees(edge_rad) == pytest.approx(50.0, abs=2.5)
+
+
 @pytest.mark.parametrize("name", ["dirrs", "ping"])
 def test_slopes_in_closed_form_are_those_of_placing_anew(name: str) -> None:
     case = sound_case()
@@ -317,9 +329,10 @@ def test_a_stuck_sensor_is_seen_at_once() -> None:
     assert at_first_sight(place_session(list(messages()), load_config()), load_config()) == ""
 
 
-def blinded(sensor: str, first_s: float, last_s: float) -> tuple[Message, ...]:
+def blinded(
+    sensor: str, first_s: float, last_s: float, every: tuple[Message, ...]
+) -> tuple[Message, ...]:
     """A sensor sees nothing from one time to another."""
-    every = messages()
     start_ns = min(m.t_ns for m in every if isinstance(m, Range))
     return tuple(
         replace(m, range_m=math.inf)
@@ -332,11 +345,37 @@ def blinded(sensor: str, first_s: float, last_s: float) -> tuple[Message, ...]:
 
 @pytest.mark.parametrize("sensor", ["dirrs", "ping"])
 def test_a_sensor_that_is_stuck_at_no_echo_is_seen(sensor: str) -> None:
-    placed = place_session(list(blinded(sensor, 50.0, 75.0)), load_config())
+    placed = place_session(list(blinded(sensor, 50.0, 75.0, messages())), load_config())
     (found,) = Silence().suspects(Evidence.of(placed, load_config()))
     assert found.subject == sensor
     assert "see nothing" in found.text
     assert any(first <= 51.0 and last >= 74.0 for first, last in found.seconds)
+
+
+def test_late_poses_do_not_hide_that_a_sensor_is_stuck() -> None:
+    late = blinded("dirrs", 40.0, 60.0, messages(replace(SOUND, pose_delay_s=0.3)))
+    placed = place_session(list(late), load_config())
+    assert not list(Silence().suspects(Evidence.of(placed, load_config())))
+    named = {(each.cause, each.unit) for each in found_in(late).suspects}
+    assert named >= {("pose-time", "s"), ("silence", "share")}
+
+
+def test_noisy_poses_do_not_shorten_a_delay() -> None:
+    """Between two poses their noise averages out, which must not draw the readings there."""
+    faults = replace(SOUND, pose_delay_s=0.05, pose_noise_m=0.01, pose_noise_deg=2.0)
+    late = next(s for s in found_in(messages(faults, "room", 4)).suspects if s.unit == "s")
+    assert late.value == pytest.approx(-0.05, abs=0.01)
+
+
+def test_points_are_drawn_evenly_from_all_beams() -> None:
+    case = sound_case()
+    few, every = (ThinBeams(case.session, ["dirrs"], case.block, most).axis for most in (200, 9999))
+    assert len(few) == 200
+    assert set(few) < set(every)
+    assert few.tolist() == sorted(set(few))
+    assert len(set(np.diff(np.searchsorted(every, few)))) > 1  # not every k-th
+    with_cone = ThinBeams(case.session, ["dirrs", "ping"], case.block, 200).axis
+    assert len(set(with_cone) & set(every)) == 100  # as many of either
 
 
 def test_where_a_sensor_saw_two_echoes_it_expects_one_again() -> None:

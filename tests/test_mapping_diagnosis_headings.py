@@ -77,7 +77,7 @@ def test_walls_tell_how_fast_poses_drift(key: str, total: float) -> None:
     planted = Session(
         tried.session.under(Hypothesis().with_number(number, -rate)), tried.placed.placement
     )
-    found = fit(replace(tried, session=planted, scores={}).beams(["dirrs"]), [number])
+    found = fit(replace(tried, session=planted).beams(["dirrs"]), [number])
     assert not found.failed
     assert found.value(number) == pytest.approx(rate, abs=0.2 * abs(rate))
 

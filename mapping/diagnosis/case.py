@@ -42,7 +42,7 @@ class Case:
 
     ``thin`` and ``wide`` name the sensors whose beams are so; ``block`` (N,) cuts the readings into
     blocks of neighbours. ``rough``: the poses are too bad to draw walls with. ``scores`` remembers
-    what was judged, ``walls`` how many points lay on walls, ``talks`` what was found of cross-talk.
+    what was judged, ``walls`` how well points fitted walls, ``talks`` what was found of cross-talk.
     """
 
     placed: PlacedSession
@@ -56,10 +56,12 @@ class Case:
     threads: int = 1
     rough: bool = False
     scores: dict[tuple[Hypothesis, tuple[str, ...]], Judged] = field(
-        default_factory=dict, repr=False
+        default_factory=dict, init=False, repr=False
     )
-    walls: dict[tuple[Hypothesis, float], BlockScores] = field(default_factory=dict, repr=False)
-    talks: dict[Hypothesis, Any] = field(default_factory=dict, repr=False)
+    walls: dict[tuple[Hypothesis, float], BlockScores] = field(
+        default_factory=dict, init=False, repr=False
+    )
+    talks: dict[Hypothesis, Any] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def readings(self) -> Readings:
@@ -95,11 +97,11 @@ class Case:
         return ThinBeams(self.session, sensors, self.block)
 
     def on_walls(self, hypothesis: Hypothesis, wide: float) -> BlockScores:
-        """How many points of thin beams lie on walls, ``wide`` times as wide as assumed, if a
-        hypothesis holds."""
+        """How well the points of thin beams fit walls, ``wide`` times as wide as assumed, if a
+        hypothesis holds; each of several sensors by as many points."""
         key = (hypothesis, wide)
         if key not in self.walls:
-            beams = ThinBeams(self.session, self.thin, self.block, _MOST_ON_WALLS)
+            beams = ThinBeams(self.session, self.thin, self.block, _MOST_ON_WALLS * len(self.thin))
             self.walls[key] = on_walls(beams, hypothesis, wide, self.blocks)
         return self.walls[key]
 

@@ -6,18 +6,23 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from mapping.config import MappingConfig, validate
 from mapping.diagnosis.case import Case, case_of
 from mapping.diagnosis.causes.channels import Channels, exchanged, swaps
 from mapping.diagnosis.causes.interface import Evidence, Plot, Suspect
 from mapping.diagnosis.causes.silence import Silence, stuck_readings
 from mapping.diagnosis.causes.table import CAUSES
-from mapping.diagnosis.hypothesis import Hypothesis
+from mapping.diagnosis.hypothesis import Hypothesis, Session
 from mapping.diagnosis.patches import NO_FAULT
 from mapping.diagnosis.pose_quality import relocations
 from mapping.diagnosis.search import Found, search
 from mapping.placed_session import HasBlocks, place_session
+from mapping.readings import Readings
 from mapping.scoring.held_out import Gain
+
+_SEEN_TO_MOVE_M = 0.01  # in a picture
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +32,8 @@ class Diagnosis:
     ``score`` and ``mended`` are the session's score without truth, as it is and by ``hypothesis``;
     ``gain`` is the difference, None where nothing numeric was found. ``fix`` are the settings,
     nested as a configuration; ``config`` is the whole configuration with them. ``plots`` show
-    where the echoes of thin beams lie, as recorded and by ``hypothesis``, where these differ.
+    where the echoes of thin beams lie, as the session has them and by ``hypothesis``, where that
+    moves some.
     """
 
     suspects: tuple[Suspect, ...]
@@ -67,11 +73,9 @@ def diagnose(
     hypothesis, taken = NO_FAULT, list[Found]()
     if case.thin:
         hypothesis, taken = search(case, candidates, advance=tried)
-    if taken:  # late or turned, the walls that are expected are torn as well
-        as_found = replace(evidence, stuck={}, mended=case.session.under(hypothesis))
-        known = {(each.cause, each.subject) for each in found}
-        again = Silence().suspects(as_found)
-        found += [each for each in again if (each.cause, each.subject) not in known]
+    if taken:
+        found = [each for each in found if each.cause != Silence.name]
+        found += Silence().suspects(_mended(evidence, hypothesis))
     for each in taken:
         explained = (c.explained(case, each.number, each, hypothesis) for c in CAUSES)
         found += [suspect for suspect in explained if suspect is not None]
@@ -90,9 +94,18 @@ def diagnose(
     )  # fmt: skip
 
 
+def _mended(evidence: Evidence, hypothesis: Hypothesis) -> Evidence:
+    """The same, placed as was found: of poses that come late the walls are torn, and where an echo
+    should have come is not seen."""
+    every = Session(Readings.joined(list(evidence.placed)), evidence.placed.placement)
+    return replace(evidence, stuck={}, mended=every.under(hypothesis))
+
+
 def _echoes(case: Case, hypothesis: Hypothesis) -> Iterator[Plot]:
-    for title, each in (("as recorded", NO_FAULT), ("mended", hypothesis)):
-        at_m = case.beams(case.thin).points(each).at_m
+    before_m, after_m = (case.beams(case.thin).points(each).at_m for each in (NO_FAULT, hypothesis))
+    if np.abs(after_m - before_m).max(initial=0.0) < _SEEN_TO_MOVE_M:
+        return
+    for title, at_m in (("as recorded", before_m), ("mended", after_m)):
         yield Plot(f"echoes of {' and '.join(case.thin)}, {title}", "x (m)", "y (m)", at_m,
                    is_map=True)  # fmt: skip
 

@@ -93,6 +93,7 @@ class Acceptance:
     fitted: Floats
     yaw_rad: float
     edge_rad: float
+    yaw_is_seen: bool = True  # else only one edge shows, and the yaw is taken as it is stated
 
     @property
     def half_width_rad(self) -> float:
@@ -137,7 +138,8 @@ def acceptance(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) ->
     for yaws_rad in (_YAWS_RAD, np.zeros(1)):
         yaw_rad, edge_rad, fitted = likeliest_edges(middle, hits, count, yaws_rad)
         if _EDGES_RAD[0] < edge_rad < _EDGES_RAD[-1]:
-            return Acceptance(middle, share, fitted, yaw_rad, edge_rad)
+            seen = yaws_rad is _YAWS_RAD
+            return Acceptance(middle, share, fitted, yaw_rad, edge_rad, seen)
     return None
 
 

@@ -18,7 +18,7 @@ from mapping.placer import Placement
 from mapping.readings import Readings
 from mapping.tracks import Motions, MotionTrack
 from recorder.clock import NS_PER_S
-from recorder.columns import Floats
+from recorder.columns import Floats, Ints
 from recorder.geometry import IDENTITY, SE2
 
 
@@ -44,8 +44,9 @@ NO_CHANGE = Change()
 class Number:
     """One number of a hypothesis that can be searched for: a field of it, or of a sensor's change.
 
-    ``step`` is small, to differentiate by; ``usual`` is what faults amount to (one standard
-    deviation), ``most`` what is not believed; ``least`` is the smallest fault worth a word.
+    ``step`` is small, to differentiate by (the time of poses by at least so much); ``usual`` is
+    what faults amount to (one standard deviation), ``most`` what is not believed; ``least`` is the
+    smallest fault worth a word.
     """
 
     key: str
@@ -157,6 +158,11 @@ class Session:
         self._row = np.repeat(np.arange(len(readings)), np.diff(readings.begins))
         between_ns = np.diff(track.t_ns) if len(track.t_ns) > 1 else np.zeros(1)
         self.pose_interval_s = min(float(np.median(between_ns)) / NS_PER_S, _LONGEST_S)
+
+    def has_poses(self, row: Ints, offset_s: float) -> NDArray[np.bool_]:
+        """Whether poses are known for some readings (K,) if they are that much later."""
+        offset_ns = round(offset_s * NS_PER_S)
+        return self.placement.track.at(self.readings.t_ns[row] - offset_ns)[1]
 
     def mount(self, sensor: str) -> SE2:
         """Where a sensor sits, as the session is placed."""

@@ -71,8 +71,16 @@ class Points:
         return len(self.range_m)
 
 
+def _drawn(axes: Ints, most: int) -> Ints:
+    """At most so many, always the same: every k-th would be the same few beams of each scan."""
+    if len(axes) <= most:
+        return axes
+    return np.random.default_rng(0).choice(axes, most, replace=False)
+
+
 class ThinBeams:
-    """The echoes of some sensors of a session, every so-many-th of them, for any hypothesis."""
+    """The echoes of some sensors of a session for any hypothesis; at most so many, drawn evenly,
+    and of each sensor an equal part of those."""
 
     def __init__(
         self, session: Session, sensors: Sequence[str], block: Ints, most: int = MOST_POINTS
@@ -81,9 +89,13 @@ class ThinBeams:
         self.session, self.block = session, block
         self._row = np.repeat(np.arange(len(readings)), np.diff(readings.begins))
         wanted = np.array([sensor.name in sensors for sensor in readings.sensors], np.bool_)
-        mine = wanted[readings.sensor[self._row]] & np.isfinite(readings.ranges_m)
-        axes = np.flatnonzero(mine)
-        self.axis = axes[:: max(1, len(axes) // most)]
+        of_axis = readings.sensor[self._row]
+        seen = np.isfinite(readings.ranges_m)
+        each = most // max(int(wanted.sum()), 1)
+        self.axis = np.sort(np.concatenate([
+            np.zeros(0, np.int64),
+            *(_drawn(np.flatnonzero(seen & (of_axis == k)), each) for k in np.flatnonzero(wanted)),
+        ]))  # fmt: skip
         errors = np.array([Mixture.of(sensor).error for sensor in readings.sensors])
         error = errors[readings.sensor[self._row[self.axis]]]
         noise_rad = heading_noise_rad(session.placement.track, _GAP_S)

@@ -26,13 +26,14 @@ from mapping.scoring.held_out import Gain
 
 MOST_CAUSES = 4
 SURE = 4.5  # standard errors, where the score gains by a number
-_SURE_BESIDE, _SURE_BY_WALLS = 6.5, 7.0  # where it does by all together; where it loses nothing
-_SURE_AGAINST = 16.0  # where it loses: its cells are 2 cm, walls are seen far finer
+_SURE_BESIDE = 6.5  # where it does by all together, or where points fit walls better
+_SURE_BY_WALLS = 7.0  # where it may lose or gain
+_SURE_AGAINST = 16.0  # where it surely loses: its cells are 2 cm, walls are seen far finer
 _SURE_OF_MOUNT = 3.0  # of a turn beside a shift, and the other way round, where one is sure
 _STATED = 1.5  # times those: as planted amounts scattered about what was found of them
-_AS_MANY = 0.02  # points on walls, of all: fewer and fits hardly differ
-_TORN = 0.1  # so many fewer: walls are torn apart
-_COST_OF_WALLS = 0.1  # of a share of the points, in log-likelihood a reading: about
+_AS_MANY = 0.02  # of how well points fit walls: by less, fits hardly differ
+_TORN = 0.1  # by so much: walls are torn apart
+_COST_OF_WALLS = 0.1  # of how well points fit walls, in log-likelihood a reading: about
 _APART = 0.2  # of the usual fault: so far apart fits from other starts may come out
 _BELIEVED = 0.95  # of the most that a number may come to: there it was stopped
 LEAST_GAIN = 0.002  # in log-likelihood a reading: of less nobody sees anything
@@ -40,7 +41,7 @@ _PLAIN_GAIN = 0.03  # where only the score speaks
 _SCORE_LEVEL = 0.99
 _BESIDE = 0.15  # of the usual fault: so far from a peak it must still gain
 _STARTS, _STARTS_BY_WALLS = 2, 1
-_COMMON_BIAS_M = 0.004  # sound sessions show 3 mm too short to 9 mm too long
+_COMMON_BIAS_M = 0.004  # what nine sound sessions showed: from -4 to 9 mm, the mean about that
 _TOLD_APART = 2.0  # in Wald's statistic: so much more is left by the one than by the other
 _OF_A_MOUNT = ("x_m", "y_m", "yaw_rad")
 _SHRINK = (0.5, 0.25, 0.125)  # of the coarse step, in a search by the score alone
@@ -63,11 +64,12 @@ class Candidate:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """A number that counts: the whole hypothesis, and what the score gains by this number, or where
-    it gains nothing sure by it alone, by all together.
+    """A number that counts: the whole hypothesis, and what the score gains by it (by all numbers
+    of its mount), or where it gains nothing sure by it alone, by all together.
 
-    ``error`` is its standard error; NaN where only the score speaks. ``on_walls`` is which share of
-    the points of thin beams lies on walls without it, and with it.
+    ``error`` is its standard error; NaN where only the score speaks. ``on_walls`` is how well the
+    points of thin beams fit walls without it, and with it. ``beside``: a surer number of the same
+    mount has the same gain, which tells nothing of this one.
     """
 
     number: Number
@@ -75,10 +77,11 @@ class Found:
     error: float
     gain: Gain
     on_walls: tuple[float, float] | None = None
+    beside: bool = False
 
     @property
     def cost(self) -> float:
-        """What it costs in log-likelihood a reading; by the walls where the score sees nothing."""
+        """What it costs in log-likelihood a reading, by the score or by the walls."""
         before, after = self.on_walls or (0.0, 0.0)
         return max(self.gain.mean, _COST_OF_WALLS * (after - before))
 
@@ -124,8 +127,8 @@ def _tears(case: Case, found: Fit, begin: Hypothesis) -> bool:
 
 
 def _that_tear_no_walls(case: Case, fits: Sequence[Fit]) -> list[Fit]:
-    """Those by which about as many points lie on walls as by the best: a fit that began too far
-    from the truth ends where it has torn some apart. Those of all numbers, unless all are torn."""
+    """Those by which points fit walls about as well as by the best: a fit that began too far from
+    the truth ends where it has torn some apart. Those of all numbers, unless all are torn."""
     wide = min((each.width for each in fits), default=1.0)
     judged = [(case.on_walls(each.hypothesis, wide).mean, each) for each in fits]
     sound = _within(judged, _TORN)
@@ -155,7 +158,8 @@ def _turned_or_shifted(
     that is nearest to them.
 
     Fitted together, without all that is not needed, the two are told apart far better than alone,
-    where each does nearly as well. Where even so neither stands out, the score chooses.
+    where each does nearly as well. Where even so neither stands out, the surer one; where they do
+    not differ, the score chooses.
     """
     few, nearest = list(numbers), whole
     for sensor in case.thin:
@@ -190,8 +194,8 @@ def _whose_bias(
 ) -> list[Number]:
     """The same numbers; instead of the bias of the thin beam that of a cone, where that is surer.
 
-    The two differ by a bias common to both, of which cones and thin beams together tell little; so
-    much of it as sound sessions show is taken off both.
+    The two differ by a bias common to both, of which cones and thin beams together tell little;
+    the one that sound sessions feign is taken off both. Only of one thin beam and one cone.
     """
     mine = [n for n in numbers if n.key == "bias_m"]
     if len(mine) != 1 or len(others) != 1 or len(case.thin) != 1:
@@ -206,8 +210,8 @@ def _whose_bias(
 def _starts(
     case: Case, candidates: Sequence[Candidate], start: Hypothesis, advance: Callable[[], None]
 ) -> list[Hypothesis]:
-    """None, and of the coarse values those that score best, where they score better, and those
-    by which most points lie on walls, where more do."""
+    """No fault; and of the coarse values those that score best and those by which points fit
+    walls best, where they do better."""
     tried = [start]
     for candidate in candidates:
         for values in itertools.product(*candidate.coarse) if candidate.coarse else ():
@@ -215,7 +219,8 @@ def _starts(
             for number, value in zip(candidate.numbers, values, strict=True):
                 begin = begin.with_number(number, value)
             tried.append(begin)
-            case.score(begin), case.on_walls(begin, 1.0)  # remembered
+            case.score(begin)  # remembered, as what follows: to show how far the search is
+            case.on_walls(begin, 1.0)
         advance()
 
     def score(hypothesis: Hypothesis) -> float:
@@ -281,10 +286,7 @@ def _counted(
     walls = [case.on_walls(each.hypothesis, alone.width) for each in (others, alone)]
     if surest in seen and not _gains(gain):
         gain = judged.gain_over(case.score(start))
-        sure = _SURE_BESIDE if _gains(gain) else _SURE_BY_WALLS
-        sure = sure if gain.high > 0.0 else _SURE_AGAINST
-        more = walls[1].gain_over(walls[0])
-        sure = _SURE_BESIDE if more.low > 0.0 and more.mean > _AS_MANY else sure
+        sure = _errors_asked(gain, walls[1].gain_over(walls[0]))
         sure = sure if surest in alike else math.inf
     if standing_out(alone, fault) < sure:
         return
@@ -292,7 +294,15 @@ def _counted(
         errors = abs(alone.significance(each))
         if _is_believed(alone, each) and (each == surest or errors >= _SURE_OF_MOUNT):
             error = _STATED * alone.error_of(each)
-            yield Found(each, alone.hypothesis, error, gain, (walls[0].mean, walls[1].mean))
+            fitting = (walls[0].mean, walls[1].mean)
+            yield Found(each, alone.hypothesis, error, gain, fitting, each != surest)
+
+
+def _errors_asked(together: Gain, on_walls: Gain) -> float:
+    """How many standard errors, where the score gains nothing sure by a fault alone."""
+    if _gains(together) or (on_walls.low > 0.0 and on_walls.mean > _AS_MANY):
+        return _SURE_BESIDE
+    return _SURE_BY_WALLS if together.high > 0.0 else _SURE_AGAINST
 
 
 def _only(case: Case, whole: Fit, numbers: Sequence[Number], start: Hypothesis) -> Fit:

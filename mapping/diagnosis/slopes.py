@@ -96,9 +96,9 @@ def differences(
 ) -> Floats:
     """The slope of one number, (K,), by placing all readings twice.
 
-    Of the time of poses over one pose before and after: by the two that a reading lies between,
-    the slope would hold their own noise, and fits would draw readings to the middle between two
-    poses, where it averages out.
+    Of the time of poses over one pose before and after (at most 0.2 s): by the two that a reading
+    lies between, the slope would hold their own noise, and fits would draw readings to the middle
+    between two poses, where it averages out. Beside gaps, where one of them is missing, it is 0.
     """
     measured_m = session.readings.ranges_m.copy()
     names = [each.name for each in readings.sensors]
@@ -109,9 +109,12 @@ def differences(
     )
     measured_m[met.axis] = met.range_m * scale + bias_m
 
-    step = number.step
+    step, known = number.step, np.ones(len(met.row), np.bool_)
     if number.key == "offset_s":
         step = max(step, session.pose_interval_s)
+        known = session.has_poses(met.row, at.offset_s - step) & session.has_poses(
+            met.row, at.offset_s + step
+        )
 
     def along(more: float) -> Floats:
         placed = session.under(
@@ -125,4 +128,4 @@ def differences(
         at_m = at_m + placed.ranges_m[met.axis][:, None] * way
         return np.asarray((at_m * met.normal).sum(axis=1))
 
-    return (along(step) - along(-step)) / (2.0 * step)
+    return np.where(known, (along(step) - along(-step)) / (2.0 * step), 0.0)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import html
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -46,7 +46,8 @@ def _body(diagnosis: Diagnosis, name: str) -> Iterator[str]:
         yield f" With all that was found: {diagnosis.mended:.3f}, {gain_text(diagnosis.gain)}."
     yield "</p>"
     if diagnosis.plots:
-        yield f'<div class="maps">{"".join(map(svg, diagnosis.plots))}</div>'
+        maps = "".join(svg(each, diagnosis.plots) for each in diagnosis.plots)
+        yield f'<div class="maps">{maps}</div>'
     if not diagnosis.suspects:
         yield "<p>Nothing was found that makes this map worse.</p>"
     for number, suspect in enumerate(diagnosis.suspects, 1):
@@ -82,9 +83,14 @@ def _sentence(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def svg(plot: Plot) -> str:
-    """One plot as an inline picture."""
-    shown = [each for each in (plot.points, plot.line) if each is not None and len(each)]
+def svg(plot: Plot, beside: Sequence[Plot] = ()) -> str:
+    """One plot as an inline picture, with the axes of those beside it."""
+    shown = [
+        values
+        for each in (plot, *beside)
+        for values in (each.points, each.line)
+        if values is not None and len(values)
+    ]
     if not shown:
         return ""
     every = np.concatenate(shown)

@@ -52,7 +52,7 @@ def _of_edges(case: Case, sensor: str, edges: Acceptance, talks: bool) -> Iterat
             f"the beam of {sensor} is {width_deg:.0f} degrees wide, not "
             f"{math.degrees(known.beam_width_rad):.0f}",
             _evidence(edges),
-            0.1 * abs(math.log(max(times, 0.1))), "likely",
+            0.1 * abs(math.log(max(times, 0.1))), "likely" if edges.yaw_is_seen else "possible",
             settings=_sensor(sensor, beam_width_deg=round(max(width_deg, 2.0), 1)),
             value=times, unit="times", plots=(plot,),
         )  # fmt: skip
@@ -76,6 +76,11 @@ def _of_edges(case: Case, sensor: str, edges: Acceptance, talks: bool) -> Iterat
 
 
 def _evidence(edges: Acceptance) -> tuple[str, ...]:
+    if not edges.yaw_is_seen:
+        return (
+            f"it measures walls up to {math.degrees(edges.edge_rad):.0f} degrees to one side of "
+            "its axis; the other edge never shows, so its yaw is taken as it is stated",
+        )
     left, right = (math.degrees(edges.edge_rad + sign * edges.yaw_rad) for sign in (1.0, -1.0))
     return (
         f"it measures walls up to {left:.0f} degrees to the left and {right:.0f} to the right of "

@@ -133,12 +133,12 @@ def how_sure(gain: Gain | None, errors: float) -> str:
 
 
 def walls_text(found: Found) -> Iterator[str]:
-    """How many echoes lie on walls with it mended, where that are more."""
+    """How well echoes fit walls with it mended, where that is better."""
     before, after = found.on_walls or (0.0, 0.0)
     if after - before >= 0.01:
         yield (
-            f"{after:.0%} of the thin beams' echoes lie on straight pieces of wall with it mended, "
-            f"{before:.0%} without"
+            f"the thin beams' echoes fit straight pieces of wall to {after:.0%} with it mended, to "
+            f"{before:.0%} without (noise alone leaves 84%)"
         )
 
 

@@ -80,7 +80,7 @@ class Mount(Cause):
                 "mount mended its readings agree",
                 *walls_text(found), *_or_the_headings(case, number),
             ),
-            found.cost, how_sure(found.gain, errors),
+            found.cost, how_sure(None if found.beside else found.gain, errors),
             self.settings(case, hypothesis, sensor), value=value,
             unit="rad" if number.key == "yaw_rad" else "m", gain=found.gain,
             error=error if error > 0 else None,

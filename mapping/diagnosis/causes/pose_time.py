@@ -45,7 +45,7 @@ class PoseTime(Cause):
         error_s = found.error
         errors = abs(offset_s) / error_s if error_s > 0 else math.nan
         late = "late" if offset_s < 0 else "early"
-        known = f" +- {max(1e3 * error_s, 1.0):.0f}" if error_s > 0 else ""
+        known = f" +- {1e3 * error_s:.2g}" if error_s > 0 else ""
         return Suspect(
             self.name, "", f"the poses come {abs(1e3 * offset_s):.0f}{known} ms {late}",
             (
