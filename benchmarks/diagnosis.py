@@ -147,12 +147,13 @@ def table(files: Mapping[str, list[Row]]) -> Iterator[str]:
         within = [e for r in rows for e in _errors_off(BY_NAME[r["planted"]].faults(r["seed"]), r)]
         cpu_s = [row["cpu_s"] for row in rows]
         yield ""
-        yield (
-            f"{name}: of {len(within)} amounts with a stated error "
-            f"{np.mean(np.array(within) <= 1.0):.0%} lie within one of it, "
-            f"{np.mean(np.array(within) <= 2.0):.0%} within two; "
-            f"{np.mean(cpu_s):.1f} s of CPU a session, {max(cpu_s):.0f} at most."
-        )
+        yield f"{name}: {np.mean(cpu_s):.1f} s of CPU a session, {max(cpu_s):.0f} at most."
+        if within:
+            one, two = (np.mean(np.array(within) <= errors) for errors in (1.0, 2.0))
+            yield (
+                f"{name}: of {len(within)} amounts with a stated error {one:.0%} lie within one of "
+                f"it, {two:.0%} within two."
+            )
 
 
 def _counts(planted: Planted, rows: Sequence[Row]) -> str:
