@@ -28,6 +28,7 @@ _LEAST_S = 2.0
 _MOVED_M, _TURNED_RAD = 0.15, 0.6
 _SHARE = 0.02
 _NOTHING = -1.0  # no echo, where runs of equal ranges are looked for
+_LEAST_BLIND_S = 6.0  # sound sensors miss what they should see for up to that long
 _MISSED, _MORE = 10, 2.5  # echoes that should have come in a run, and times those of the next one
 _LONG_S, _LONGER = 8.0, 3.0  # or it is so long, and so many times the next one
 _GAPS = 20.0  # times the usual time between readings
@@ -115,8 +116,9 @@ def _blind(
         return [run for run in nothing if _is_longest(channel, *run)]
     missed = [expected.missed_between(*channel.t_ns[[first, end - 1]]) for first, end in nothing]
     return [
-        run for at, run in enumerate(nothing)
+        (first, end) for at, (first, end) in enumerate(nothing)
         if missed[at] >= max(_MISSED, _MORE * max([*missed[:at], *missed[at + 1 :], 0]))
+        and channel.t_ns[end - 1] - channel.t_ns[first] > _LEAST_BLIND_S * 1e9
     ]  # fmt: skip
 
 
@@ -147,7 +149,7 @@ def _stuck(channel: Channel, stuck: list[tuple[int, int]], count: int) -> Suspec
         f"{'repeat one range' if np.isfinite(at_m) else 'see nothing'} while the robot moves",
         (f"the longest time {seen} from {first_s:.1f} s to {last_s:.1f} s, "
          f"{longest[1] - longest[0]} readings",),
-        2.0 * share, "almost certain",
+        2.0 * share, "almost certain" if np.isfinite(at_m) else "likely",
         advice="check the cable and the supply; leave these stretches out",
         value=share, unit="share", seconds=seconds,
     )  # fmt: skip
