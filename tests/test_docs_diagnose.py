@@ -17,11 +17,11 @@ PAGE = ROOT / "docs" / "diagnose.md"
 
 
 def alike(shown: str, printed: str) -> bool:
-    """The same words, and numbers within a tenth or 0.03."""
+    """The same words, and nearly the same numbers."""
     if NUMBER.sub("#", shown) != NUMBER.sub("#", printed):
         return False
     said, found = ([float(each) for each in NUMBER.findall(line)] for line in (shown, printed))
-    return found == pytest.approx(said, rel=0.1, abs=0.03)
+    return found == pytest.approx(said, rel=0.05, abs=0.006)
 
 
 def test_a_bad_session_and_only_this_command(
@@ -36,6 +36,9 @@ def test_a_bad_session_and_only_this_command(
     lines = printed.splitlines()
     for line in shown.splitlines():
         assert line.strip() == "..." or any(alike(line, each) for each in lines), line
+    for at, (truth, within) in enumerate([(8.0, 1.0), (3.0, 0.9), (100.0, 5.0)], 1):
+        (found,) = re.findall(rf"^{at}\. \D*([\d.]+) \+- ", printed, re.MULTILINE)
+        assert float(found) == pytest.approx(truth, abs=within)
     drawn = re.findall(r"^dirrs +grid +\d+ +[\d.]+ +(\d+)/", printed, re.MULTILINE)
     said = re.search(r"saw (\d+) % were drawn .* and (\d+) % are with", text)
     assert said is not None

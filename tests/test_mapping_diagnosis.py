@@ -39,9 +39,11 @@ from mapping.diagnosis.own_walls import expected_echoes
 from mapping.diagnosis.patches import Points, ThinBeams, find_patches
 from mapping.diagnosis.pose_quality import heading_noise_rad, is_rough, jumps, relocations
 from mapping.diagnosis.pruning import needed
+from mapping.diagnosis.search import errors_asked
 from mapping.diagnosis.slopes import Met, differences, slopes
 from mapping.placed_session import place_session
 from mapping.readings import Readings
+from mapping.scoring.held_out import Gain
 from mapping.tracks import Motions, MotionTrack
 from recorder.columns import ALL, Block, Choice, blocks_of
 from recorder.errors import BadInput
@@ -239,8 +241,7 @@ def test_one_edge_tells_the_width_of_a_cone_that_sits_as_stated() -> None:
     count = np.full(len(angle), 50.0)
     count[angle < math.radians(-40.0)] = 0.0  # to that side walls were never so far aslant
     hits = np.where(angle < math.radians(50.0), 45.0, 2.0) * (count > 0.0)
-    yaw_rad, edge_rad, _ = likeliest_edges(angle, hits, count, np.zeros(1))
-    assert yaw_rad == 0.0
+    _, edge_rad, _ = likeliest_edges(angle, hits, count, np.zeros(1))
     assert math.degrees(edge_rad) == pytest.approx(50.0, abs=2.5)
 
 
@@ -356,8 +357,54 @@ def test_late_poses_do_not_hide_that_a_sensor_is_stuck() -> None:
     late = blinded("dirrs", 40.0, 60.0, messages(replace(SOUND, pose_delay_s=0.3)))
     placed = place_session(list(late), load_config())
     assert not list(Silence().suspects(Evidence.of(placed, load_config())))
-    named = {(each.cause, each.unit) for each in found_in(late).suspects}
-    assert named >= {("pose-time", "s"), ("silence", "share")}
+    suspects = found_in(late).suspects
+    assert any(each.cause == "pose-time" for each in suspects)
+    (stuck,) = (each for each in suspects if each.cause == "silence")
+    assert (stuck.subject, stuck.sure) == ("dirrs", "likely")
+    assert any(first <= 41.0 and last >= 59.0 for first, last in stuck.seconds)
+
+
+def test_a_few_seconds_without_an_echo_are_not_called_stuck() -> None:
+    placed = place_session(list(blinded("dirrs", 50.0, 52.5, messages())), load_config())
+    assert not list(Silence().suspects(Evidence.of(placed, load_config())))
+
+
+def test_a_sonar_that_sits_turned_and_shifted_is_mended_whole() -> None:
+    faults = of_sensor("ping", mount=SE2(0.0, 0.04, math.radians(10.0)))
+    found = found_in(messages(faults, "room"))
+    assert {each.unit for each in found.suspects if each.subject == "ping"} >= {"m", "rad"}
+    _, y_m, yaw_deg = found.fix["sensors"]["ping"]["mount"]
+    assert y_m == pytest.approx(0.04, abs=0.015)
+    assert yaw_deg == pytest.approx(10.0, abs=4.0)
+
+
+@pytest.mark.parametrize(
+    ("together", "on_walls", "errors"),
+    [
+        (Gain(0.01, 0.005, 0.02), Gain(0.0, -0.1, 0.1), 6.5),  # the score gains by all
+        (Gain(-0.03, -0.05, -0.01), Gain(0.1, 0.05, 0.2), 6.5),  # points fit walls better
+        (Gain(-0.01, -0.02, 0.01), Gain(0.01, 0.005, 0.02), 7.0),  # neither
+        (Gain(-0.03, -0.05, -0.01), Gain(0.1, -0.05, 0.2), 16.0),  # the score surely loses
+    ],
+)
+def test_how_sure_a_number_must_be_where_the_score_gains_nothing_by_it(
+    together: Gain, on_walls: Gain, errors: float
+) -> None:
+    assert errors_asked(together, on_walls) == errors
+
+
+def test_where_poses_are_missing_their_time_tells_nothing() -> None:
+    case, number = sound_case(), offset_of_poses()
+    at, rows = Hypothesis(), case.rows_of("dirrs")
+    readings = case.session.under(at)
+    ones = np.ones((len(rows), 2)) * math.sqrt(0.5)
+    met = Met(rows, rows, ones, ones, np.full(len(rows), 0.3))
+    slope = slopes(case.session, at, [number], readings, met)[:, 0]
+    step_s = case.session.pose_interval_s
+    known = case.session.has_poses(rows, -step_s) & case.session.has_poses(rows, step_s)
+    assert not known.all()  # before the first pose, or after the last
+    assert (slope[~known] == 0.0).all()
+    assert np.abs(slope[known]).max() > 0.0
 
 
 def test_noisy_poses_do_not_shorten_a_delay() -> None:

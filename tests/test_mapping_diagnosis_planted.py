@@ -61,6 +61,7 @@ def test_faults_in_sessions_of_another_simulator_are_named(
         ("infrared turned and shifted sideways", 413),  # the one that mends both was named
         ("15 % cross-talk of two sonars", 303),  # a fit that tore all walls scored best
         ("sonar bias 2 cm", 402),  # the infrared ranger was blamed
+        ("sonar beam twice as wide", 303),  # only one edge of the cone shows
     ],
 )
 def test_faults_that_were_missed_are_named(name: str, seed: int) -> None:

@@ -82,8 +82,9 @@ def diagnose(
     walls = bool(case.thin) and not case.rough
     looking = [cause for cause in CAUSES if walls or not cause.needs_walls]
     found += [s for cause in looking for s in cause.examine(case, hypothesis)]
-    found.sort(key=lambda suspect: -suspect.cost)
+    # What was examined last knows of all that the search found: its whole mounts count.
     fix = merged(suspect.settings for suspect in found if suspect.settings)
+    found.sort(key=lambda suspect: -suspect.cost)
     before, after = case.score(NO_FAULT), case.score(hypothesis)
     gain = after.gain_over(before) if taken else None
     progress(1, 1)

@@ -98,10 +98,11 @@ class Acceptance:
     @property
     def half_width_rad(self) -> float:
         """Half the cone that explains it."""
-        return self.edge_rad - RETURNED_RAD
+        return max(self.edge_rad - RETURNED_RAD, _NARROWEST_RAD)
 
 
 RETURNED_RAD = math.radians(12.5)  # beyond the cone, by the tolerance of ranges
+_NARROWEST_RAD = math.radians(1.0)
 _NEAR_M, _NEAR = 0.012, 0.012
 _BIN_RAD = math.radians(2.0)
 _WIDEST_RAD = math.radians(76.0)
@@ -137,7 +138,9 @@ def acceptance(case: Case, hypothesis: Hypothesis, sensor: str, walls: Walls) ->
     # must be taken as it is stated.
     for yaws_rad in (_YAWS_RAD, np.zeros(1)):
         yaw_rad, edge_rad, fitted = likeliest_edges(middle, hits, count, yaws_rad)
-        if _EDGES_RAD[0] < edge_rad < _EDGES_RAD[-1]:
+        if edge_rad <= _EDGES_RAD[0]:
+            return None
+        if edge_rad < _EDGES_RAD[-1]:
             seen = yaws_rad is _YAWS_RAD
             return Acceptance(middle, share, fitted, yaw_rad, edge_rad, seen)
     return None

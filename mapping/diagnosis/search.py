@@ -286,7 +286,7 @@ def _counted(
     walls = [case.on_walls(each.hypothesis, alone.width) for each in (others, alone)]
     if surest in seen and not _gains(gain):
         gain = judged.gain_over(case.score(start))
-        sure = _errors_asked(gain, walls[1].gain_over(walls[0]))
+        sure = errors_asked(gain, walls[1].gain_over(walls[0]))
         sure = sure if surest in alike else math.inf
     if standing_out(alone, fault) < sure:
         return
@@ -298,7 +298,7 @@ def _counted(
             yield Found(each, alone.hypothesis, error, gain, fitting, each != surest)
 
 
-def _errors_asked(together: Gain, on_walls: Gain) -> float:
+def errors_asked(together: Gain, on_walls: Gain) -> float:
     """How many standard errors, where the score gains nothing sure by a fault alone."""
     if _gains(together) or (on_walls.low > 0.0 and on_walls.mean > _AS_MANY):
         return _SURE_BESIDE

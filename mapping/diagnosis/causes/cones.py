@@ -16,7 +16,7 @@ from recorder.messages import Radiation
 
 _WIDER, _NARROWER = 1.4, 0.75  # times what is configured
 _YAW_RAD = math.radians(3.5)
-_YAW_ERROR_RAD = math.radians(1.2)  # as planted yaws were found
+_YAW_ERROR_RAD = math.radians(2.0)  # as planted yaws were found
 
 
 class Cones(Cause):
@@ -32,10 +32,12 @@ class Cones(Cause):
                 continue  # light that is averaged over a cone
             edges = acceptance(case, hypothesis, sensor, walls)
             if edges is not None:
-                yield from _of_edges(case, sensor, edges, sensor in talk)
+                yield from _of_edges(case, hypothesis, sensor, edges, sensor in talk)
 
 
-def _of_edges(case: Case, sensor: str, edges: Acceptance, talks: bool) -> Iterator[Suspect]:
+def _of_edges(
+    case: Case, hypothesis: Hypothesis, sensor: str, edges: Acceptance, talks: bool
+) -> Iterator[Suspect]:
     """One that ``talks`` measures few walls at the edges of its cone: others are louder there."""
     known = next(each for each in case.readings.sensors if each.name == sensor)
     times = 2.0 * edges.half_width_rad / known.beam_width_rad
@@ -57,18 +59,18 @@ def _of_edges(case: Case, sensor: str, edges: Acceptance, talks: bool) -> Iterat
             value=times, unit="times", plots=(plot,),
         )  # fmt: skip
     if abs(edges.yaw_rad) > _YAW_RAD:
-        mount = case.session.mount(sensor)
-        yaw_deg = math.degrees(edges.yaw_rad)
+        mount, change = case.session.mount(sensor), hypothesis.of(sensor)
+        yaw_deg, error_deg = math.degrees(edges.yaw_rad), math.degrees(_YAW_ERROR_RAD)
         yield Suspect(
             "mount", sensor,
-            f"{sensor} sits turned by {abs(yaw_deg):.0f} +- 1.2 degrees to the "
+            f"{sensor} sits turned by {abs(yaw_deg):.0f} +- {error_deg:.0f} degrees to the "
             f"{'left' if yaw_deg > 0 else 'right'}",
             (*_evidence(edges),
              f"by the walls of {' and '.join(case.thin)}: turned as far the other way, that would "
              "look the same"),
             0.005 * abs(yaw_deg), "likely",
             settings=_sensor(sensor, mount=[
-                round(mount.x_m, 4), round(mount.y_m, 4),
+                round(mount.x_m + change.x_m, 4), round(mount.y_m + change.y_m, 4),
                 round(math.degrees(mount.heading_rad) + yaw_deg, 1)]),
             value=edges.yaw_rad, unit="rad",
             error=_YAW_ERROR_RAD, plots=(plot,),

@@ -64,6 +64,7 @@ class Mount(Cause):
         sensor, value = number.sensor, hypothesis.number(number)
         error = found.error
         errors = abs(value) / error if error > 0 else math.nan
+        gain = None if found.beside else found.gain
         if number.key == "yaw_rad":
             shown, unit, way = math.degrees(abs(value)), "degrees", "turned"
             sigma, values = math.degrees(error), _SHOWN_RAD
@@ -79,10 +80,11 @@ class Mount(Cause):
                 "seen from different directions the same wall lies at different places; with the "
                 "mount mended its readings agree",
                 *walls_text(found), *_or_the_headings(case, number),
+                *(["the gain is that of the whole mount"] if found.beside else []),
             ),
-            found.cost, how_sure(None if found.beside else found.gain, errors),
+            found.cost, how_sure(gain, errors),
             self.settings(case, hypothesis, sensor), value=value,
-            unit="rad" if number.key == "yaw_rad" else "m", gain=found.gain,
+            unit="rad" if number.key == "yaw_rad" else "m", gain=gain,
             error=error if error > 0 else None,
             plots=(profile(case, number, hypothesis, values),),
         )  # fmt: skip

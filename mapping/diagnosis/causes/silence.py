@@ -31,6 +31,7 @@ _NOTHING = -1.0  # no echo, where runs of equal ranges are looked for
 _LEAST_BLIND_S = 6.0  # sound sensors miss what they should see for up to that long
 _MISSED, _MORE = 10, 2.5  # echoes that should have come in a run, and times those of the next one
 _LONG_S, _LONGER = 8.0, 3.0  # or it is so long, and so many times the next one
+_DOES = {True: "repeat one range", False: "see nothing"}
 _GAPS = 20.0  # times the usual time between readings
 
 
@@ -143,13 +144,14 @@ def _stuck(channel: Channel, stuck: list[tuple[int, int]], count: int) -> Suspec
     at_m = channel.range_m[longest[0]]
     first_s, last_s = channel.seconds(longest[0]), channel.seconds(longest[1] - 1)
     seen = f"{at_m:.3f} m" if np.isfinite(at_m) else "no echo"
+    kinds = {bool(np.isfinite(channel.range_m[first])) for first, _ in stuck}
     return Suspect(
         "silence", channel.sensor,
         f"{channel.sensor} is stuck: {share:.0%} of its readings "
-        f"{'repeat one range' if np.isfinite(at_m) else 'see nothing'} while the robot moves",
+        f"{' or '.join(_DOES[kind] for kind in sorted(kinds))} while the robot moves",
         (f"the longest time {seen} from {first_s:.1f} s to {last_s:.1f} s, "
          f"{longest[1] - longest[0]} readings",),
-        2.0 * share, "almost certain" if np.isfinite(at_m) else "likely",
+        2.0 * share, "almost certain" if True in kinds else "likely",
         advice="check the cable and the supply; leave these stretches out",
         value=share, unit="share", seconds=seconds,
     )  # fmt: skip
