@@ -32,7 +32,6 @@ BEAM_WITHIN = 1.25  # times: how near the width of a cone must be found
 SWAP_WITHIN_S = 5.0
 OUT_WITHIN_S = 3.0  # of a sensor's silence: so much may be missed of it, and so much named besides
 OUT_S = 20.0  # how long a sensor is stuck or dead
-OTHER = {"ping": "dirrs", "dirrs": "ping"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,11 +241,11 @@ def simulated(planted: Planted, seed: int, duration_s: float) -> HasBlocks:
     records = [Record(topic_of(message), log_ns, message) for log_ns, message in run]
     dead = [each for each in faults if each.kind == "dead"]
     records = [each for each in records if not any(map(partial(_is_lost, records[0], each), dead))]
-    swap = next((each for each in faults if each.kind == "swap"), None)
-    if swap is not None:
-        first_ns = records[0].log_ns + round(swap.amount * 1e9)
-        records = [_swapped(each) if each.log_ns > first_ns else each for each in records]
-    return Kept(list(blocks_of(records)))
+    blocks = list(blocks_of(records))
+    for fault in faults:
+        if fault.kind == "swap":
+            blocks = _swapped(blocks, records[0].log_ns + round(fault.amount * 1e9))
+    return Kept(blocks)
 
 
 def _is_lost(first: Record, record: Record, fault: Fault) -> bool:
@@ -256,14 +255,11 @@ def _is_lost(first: Record, record: Record, fault: Fault) -> bool:
     return mine and 0.0 <= since_s < OUT_S
 
 
-def _swapped(record: Record) -> Record:
-    """The same range on the channel of the other sensor."""
-    message = record.message
-    if not isinstance(message, Range):
-        return record
-    other = OTHER[message.sensor]
-    reading = CATALOGUE[other].parameters.reading(message.t_ns, other, message.range_m)
-    return Record(topic_of(reading), record.log_ns, reading)
+def _swapped(blocks: list[Block], from_ns: int) -> list[Block]:
+    """The ranges of sonar and infrared ranger under each other's names from then on."""
+    first = {c.sensor: c[:1] for b in reversed(blocks) for c in b.of(RangeColumns) if len(c)}
+    swap = Swap("dirrs", "ping", from_ns, int(np.iinfo(np.int64).max), whole=False)
+    return list(Exchanged(Kept(blocks), (first["dirrs"], first["ping"]), swap).blocks())
 
 
 def _as_run(faults: Faults) -> RunFaults:
@@ -310,15 +306,13 @@ def recordings(folder: Path) -> list[Path]:
 
 def recorded(planted: Planted, seed: int, folder: Path) -> HasBlocks:
     """A recorded session with the faults: those with exact poses and with noisy ones in turn."""
-    blocks = list(open_session(recordings(folder)[seed % len(recordings(folder))]).blocks())
+    files = recordings(folder)
+    blocks = list(open_session(files[seed % len(files)]).blocks())
     start_ns = min(int(c.t_ns.min()) for b in blocks for c in b.of(RangeColumns) if len(c))
-    first = {c.sensor: c[:1] for b in reversed(blocks) for c in b.of(RangeColumns) if len(c)}
     for fault in planted.faults(seed):
         from_ns = start_ns + round(fault.amount * 1e9)
         if fault.kind == "swap":
-            pair = first["dirrs"], first["ping"]
-            swap = Swap("dirrs", "ping", from_ns, int(np.iinfo(np.int64).max), whole=False)
-            blocks = list(Exchanged(Kept(blocks), pair, swap).blocks())
+            blocks = _swapped(blocks, from_ns)
             continue
         last: dict[str, float] = {}
         blocks = [

@@ -1,8 +1,8 @@
 """What might be wrong with a session, as numbers; and its readings as they would then have been.
 
 A hypothesis changes readings that are placed already: poses looked up at other times, mounts and
-ranges mended. So a search tries hundreds of them in the time that it
-takes to place a session anew a few times.
+ranges mended. So a search tries hundreds of them in the time that it takes to place a session anew
+a few times.
 """
 
 from __future__ import annotations

@@ -100,7 +100,7 @@ def search(
     every = dict.fromkeys(n for each in candidates for n in each.numbers)
     others = [n for n in every if n.key == "bias_m" and n.sensor in case.wide]
     numbers = tuple(n for n in every if n not in others)  # a bias common to all is hardly seen
-    fits = [_from(case, numbers, each) for each in _starts(case, candidates, start, advance)]
+    fits = [_fitted_from(case, numbers, each) for each in _starts(case, candidates, start, advance)]
     fits = _that_tear_no_walls(case, [each for each in fits if not each.failed])
     if not fits:
         return start, []
@@ -112,7 +112,7 @@ def search(
     return _those_that_count(case, nearer, few, seen, start, alike)
 
 
-def _from(case: Case, numbers: Sequence[Number], begin: Hypothesis) -> Fit:
+def _fitted_from(case: Case, numbers: Sequence[Number], begin: Hypothesis) -> Fit:
     """All numbers fitted; only those that the start is about, where the others lead astray."""
     found = fit(case.beams(case.thin), numbers, begin, cones=case.wide)
     own = [each for each in numbers if begin.number(each) != each.neutral]

@@ -94,13 +94,13 @@ def svg(plot: Plot, beside: Sequence[Plot] = ()) -> str:
     if not shown:
         return ""
     every = np.concatenate(shown)
-    low, high = _bounds(every[:, 0]), _bounds(every[:, 1])
+    x, y = _bounds(every[:, 0]), _bounds(every[:, 1])
     height = _MAP_HEIGHT if plot.is_map else _HEIGHT
     if plot.is_map:
-        low, high = _alike(low, high, height)
-    parts = [_axes(plot, low, high, height)]
-    if plot.mark is not None and low[0] <= plot.mark <= low[1]:
-        at = _place(np.array([[plot.mark, high[0]]]), low, high, height)[0, 0]
+        x, y = _same_scale(x, y, height)
+    parts = [_axes(plot, x, y, height)]
+    if plot.mark is not None and x[0] <= plot.mark <= x[1]:
+        at = _place(np.array([[plot.mark, y[0]]]), x, y, height)[0, 0]
         parts.append(
             f'<line x1="{at:.1f}" x2="{at:.1f}" y1="{_TOP}" y2="{height - _BOTTOM}" '
             'stroke="#bf5700" stroke-dasharray="5 4"/>'
@@ -108,12 +108,13 @@ def svg(plot: Plot, beside: Sequence[Plot] = ()) -> str:
     if plot.points is not None and len(plot.points):
         some = plot.points[:: max(1, len(plot.points) // _MOST_POINTS)]
         dots = "".join(
-            f'<circle cx="{x:.1f}" cy="{y:.1f}" r="1.4"/>'
-            for x, y in _place(some, low, high, height)
+            f'<circle cx="{across:.1f}" cy="{down:.1f}" r="1.4"/>'
+            for across, down in _place(some, x, y, height)
         )
         parts.append(f'<g fill="#2f6f9f" fill-opacity=".45">{dots}</g>')
     if plot.line is not None and len(plot.line):
-        way = " ".join(f"{x:.1f},{y:.1f}" for x, y in _place(plot.line, low, high, height))
+        at_each = _place(plot.line, x, y, height)
+        way = " ".join(f"{across:.1f},{down:.1f}" for across, down in at_each)
         parts.append(f'<polyline points="{way}" fill="none" stroke="#2f6f9f" stroke-width="2"/>')
     return (
         f'<svg viewBox="0 0 {_WIDTH} {height}" width="{_WIDTH}" height="{height}" role="img" '
@@ -128,7 +129,7 @@ def _bounds(values: Floats) -> tuple[float, float]:
     return low - room, high + room
 
 
-def _alike(
+def _same_scale(
     x: tuple[float, float], y: tuple[float, float], height: int
 ) -> list[tuple[float, float]]:
     """The same middles, and as many metres a point of the picture on both axes."""

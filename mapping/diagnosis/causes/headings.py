@@ -84,6 +84,7 @@ class Headings(Cause):
             f"the headings are {math.degrees(abs(value)):.2g}{known} degrees too far to the {side}",
             (*_evidence(case), *walls_text(found)), found.cost, how_sure(found.gain, errors),
             self.settings(case, hypothesis, ""), value=value, unit="rad", gain=found.gain,
+            error=error if error > 0 else None,
             plots=(profile(case, number, hypothesis, _SHOWN_RAD),),
         )  # fmt: skip
 
